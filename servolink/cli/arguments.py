@@ -9,9 +9,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from servolink.cli.command import Option, option
-from servolink.errors import TransportUnavailable
-from servolink.escaping import quote
-from servolink.files import ALL, is_name
+from servolink.errors import TransportUnavailable, quote
+from servolink.support import ALL, is_name
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,10 +43,10 @@ def new_file(text: str) -> Path:
 
 def caption_encoding(text: str) -> str:
     """Return `text` if it names an encoding for captions."""
-    from servolink.protocol.caption import check_encoding  # late: the help needs no protocol
+    from servolink.protocol import Codec  # late: the help needs no protocol
 
     try:
-        return check_encoding(text)
+        return Codec(caption_encoding=text).caption_encoding
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
 
@@ -63,10 +62,10 @@ def board_name(text: str) -> str:
 
 def listening(text: str) -> str:
     """Return `text` if it is HOST:PORT."""
-    from servolink.listeners.tcp import host_and_port  # late: most commands serve nobody
+    from servolink.transports import NetworkPlace  # late: most commands serve nobody
 
     try:
-        host_and_port(text)
+        NetworkPlace.parse(text)
     except TransportUnavailable as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return text
@@ -124,7 +123,7 @@ MOST_TRIM = 180
 
 def alarm(text: str) -> str:
     """Return `text` if it describes an alarm."""
-    from servolink.client.alarms import Alarm
+    from servolink.client import Alarm
 
     try:
         Alarm.parse(text)

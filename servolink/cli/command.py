@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypedDict, Unpack
 
-if TYPE_CHECKING:  # a class of this kind takes 0.3 ms of `servolink --help`
-    from typing import TypedDict, Unpack
+if TYPE_CHECKING:
+    from servolink.cli.screen.result import Ending
 
     class Settings(TypedDict, total=False):
         """Other settings of an option, as `ArgumentParser.add_argument` takes them."""
@@ -35,7 +35,7 @@ TOPICS = (FIRST_STEPS, MOVE, STORED, PROJECTS, TOGETHER, RECORDINGS, DEVELOPERS)
 PATIENCE = "3"
 """Default of `--timeout` in seconds, for most commands."""
 
-Run: TypeAlias = Callable[[argparse.Namespace], int]
+Run: TypeAlias = "Callable[[argparse.Namespace], Ending]"
 
 
 class Option(NamedTuple):
@@ -69,8 +69,8 @@ def late(place: str) -> Run:
     """Return the function at `place`, such as `stored.edit:run_add`; the module is imported at the first call."""
     module, _, function = place.partition(":")
 
-    def run(args: argparse.Namespace) -> int:
-        return int(getattr(import_module(f"servolink.cli.{module}"), function)(args))
+    def run(args: argparse.Namespace) -> Ending:
+        return getattr(import_module(f"servolink.cli.{module}"), function)(args)  # type: ignore[no-any-return]
 
     return run
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import os
+import platform
 import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from textwrap import fill
 from typing import Any, NoReturn
 
@@ -14,7 +16,7 @@ from servolink.cli.arguments import caption_encoding, not_empty, timeout
 from servolink.cli.command import TOPICS, Command, Group, flag, group, option
 from servolink.cli.index import IndexEntry, below, load
 from servolink.cli.usage import WrongUsage, usage_error
-from servolink.escaping import quote
+from servolink.errors import quote
 
 EXIT_CODES = "exit codes: 0 ok, 1 failed, 2 wrong usage, 3 no board, 130 interrupted"
 
@@ -28,8 +30,6 @@ class _Version(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         """Print the version; finding it takes a while, so not before."""
-        import platform
-
         import servolink
 
         python = f"{platform.python_implementation()} {platform.python_version()}"
@@ -106,6 +106,9 @@ class Parser(argparse.ArgumentParser):
         _, unknown = super().parse_known_args(given, parsed)
         if unknown:
             usage_error(parsed, f"unexpected argument: {unknown[0]}{command.hint}")
+        if parsed.run is None and not command.name:
+            self.print_help()
+            self.exit()
         if parsed.run is None:
             self.error(f"no command is given; `{self.prog} --help` lists the commands")
         return parsed, []
@@ -223,8 +226,6 @@ def _epilog(command: Command) -> str:
 
 def _closest(word: str, known: Iterable[str]) -> str:
     """Return the known word closest to `word`, or "" if none is close."""
-    from difflib import get_close_matches
-
     known = list(known)
     begun = [each for each in known if each.startswith(word)]
     bare = {each.lstrip("-"): each for each in known}  # or two dashes alone make short options alike

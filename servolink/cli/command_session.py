@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import logging
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
+from typing import Any, NoReturn, TypeAlias
 
+from servolink.boards import NO_BOARD_FOUND, boards, only, search
 from servolink.cli.command import Run, flag
-from servolink.cli.screen.output import Table, console, fail, lost_output, print_error, show_table
+from servolink.cli.screen.output import Form, Table, console, fail, lost_output, print_error, show_table
+from servolink.cli.screen.result import Ending, ended
 from servolink.cli.screen.terminal import can_ask, confirm, end_process
 from servolink.cli.usage import usage_error
+from servolink.client import Board, connect
 from servolink.errors import (
     ConnectionLost,
     OpenError,
@@ -22,18 +26,13 @@ from servolink.errors import (
     RecordingError,
     RequestTimeout,
     ServolinkError,
+    quote,
 )
-from servolink.escaping import quote
-from servolink.pauses import Pauses, Reconnecting
-from servolink.platforms.signals import handled
-from servolink.script import INTERRUPTED, NO_BOARD, OK
+from servolink.support import ExitCode, Pauses, Reconnecting, Signals
+from servolink.transports import DeviceInfo
 
-if TYPE_CHECKING:  # and imported late: `--help` of a command needs none of it
-    from servolink.client.board import Board
-    from servolink.transports.device_info import DeviceInfo
-
-Talk: TypeAlias = "Callable[[argparse.Namespace, Board, Interruption], Awaitable[int]]"
-"""Function that performs a command on a board and returns the exit code."""
+Talk: TypeAlias = "Callable[[argparse.Namespace, Board, Interruption], Awaitable[Ending]]"
+"""Function that performs a command on a board."""
 
 UNFINISHED_IMPORT = (
     "this board holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes it"
@@ -55,14 +54,14 @@ class Interruption:
     def __init__(self, state: str) -> None:
         """Start in `state`, such as "no servo was moved"."""
         self.state = state
-        self.code = INTERRUPTED
+        self.code = ExitCode.INTERRUPTED
         self._reported = False
 
     def report(self) -> None:
         """Print the state, once."""
         if not self._reported:
             self._reported = True
-            print_error(f"{'ended' if self.code == OK else 'interrupted'}: {self.state}")
+            print_error(f"{'ended' if self.code == ExitCode.OK else 'interrupted'}: {self.state}")
 
     @contextmanager
     def watched(self) -> Iterator[None]:
@@ -81,9 +80,9 @@ class Interruption:
 
 
 def run_interruptible(
-    main: Callable[[Interruption], Awaitable[int]], state: str = _UNMOVED, *, usage: argparse.Namespace | None = None
+    main: Callable[[Interruption], Awaitable[Ending]], state: str = _UNMOVED, *, usage: argparse.Namespace | None = None
 ) -> int:
-    """Run `main` until `main` returns the exit code, or until Ctrl-C, SIGTERM or a closed terminal.
+    """Run `main` until it ends, show its value and return the exit code; or until Ctrl-C, SIGTERM or a closed terminal.
 
     The first signal cancels `main`, a second one ends the process at once. With the arguments of the command in
     `usage`, a ValueError is wrong usage.
@@ -93,8 +92,8 @@ def run_interruptible(
     async def watched() -> int:
         task = asyncio.current_task()
         assert task is not None  # noqa: S101 - narrows the type: this runs in one
-        with handled(task.cancel, again=interruption.end), interruption.watched():
-            return await main(interruption)
+        with Signals.ENDING.handled(task.cancel, again=interruption.end), interruption.watched():
+            return ended(await main(interruption))
 
     try:
         return asyncio.run(watched())
@@ -111,34 +110,31 @@ def run_interruptible(
         usage_error(usage, str(error))
 
 
+def connection_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of a connection that the command line sets."""
+    options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
+    # In mode 0 a board is silent.
+    return options | ({"transmission_mode": "auto"} if getattr(args, "keep_mode", False) else {})
+
+
 def run_with_board(
     args: argparse.Namespace,
-    talk: Callable[[Board, Interruption], Awaitable[int]],
+    talk: Callable[[Board, Interruption], Awaitable[Ending]],
     *,
     greet: bool = True,
     repeats: bool = False,
     state: str = _UNMOVED,
     **options: Any,
 ) -> int:
-    """Connect to the board of `args` and return the exit code of `talk`.
+    """Connect to the board of `args`, show the value of `talk` and return the exit code.
 
     `greet` reports an import left unfinished on the board. `repeats`: after a loss, connect and `talk` again, within
     the patience of the connection; only for what may be repeated, such as a stop. `state` is what Ctrl-C reports at
     first; `options` go to `connect`.
     """
-    from servolink.client.connect import connect
-
     keeps_mode: bool = getattr(args, "keep_mode", False)
-    if keeps_mode:
-        options["transmission_mode"] = "auto"  # in mode 0 a board is silent
     try:
-        connection = connect(
-            choose_board(args),
-            byte_order=args.byte_order,
-            caption_encoding=args.caption_encoding,
-            patience=args.timeout,
-            **options,
-        )
+        connection = connect(choose_board(args), **connection_options(args), **options)
     except ValueError as error:
         usage_error(args, str(error))
 
@@ -154,7 +150,7 @@ def run_with_board(
                 async with mode_restored(board, keeps_mode=keeps_mode):
                     if greet and await _has_unfinished_import(board):
                         print_error(UNFINISHED_IMPORT)
-                    return await talk(board, interruption)
+                    return ended(await talk(board, interruption))
 
     async def main(interruption: Interruption) -> int:
         loop = asyncio.get_running_loop()
@@ -169,7 +165,7 @@ def run_with_board(
         except (RequestTimeout, OutcomeUnknown, ConnectionLost) as error:
             if board is None or board.stats.frames_received:
                 raise
-            return fail(error, NO_BOARD, as_json=args.json)
+            return fail(error, ExitCode.NO_BOARD)
 
     return run_interruptible(main, state)
 
@@ -224,8 +220,6 @@ def _has_woken(board: Board) -> bool:
 @contextmanager
 def _unlogged(name: str) -> Iterator[None]:
     """Drop what a module logs."""
-    import logging  # late: `--help` needs none
-
     logger = logging.getLogger(name)
     logger.disabled = True
     try:
@@ -245,17 +239,28 @@ async def _has_unfinished_import(board: Board) -> bool:
 
 
 def interruptible(
+    state: str = _UNMOVED, *, in_usage: bool = False
+) -> Callable[[Callable[[argparse.Namespace, Interruption], Awaitable[Ending]]], Run]:
+    """Return a decorator for the function of a command without a board: see `run_interruptible`.
+
+    A ValueError is wrong usage if `in_usage`.
+    """
+    return lambda main: lambda args: run_interruptible(partial(main, args), state, usage=args if in_usage else None)
+
+
+def on_board(
+    before: Callable[[argparse.Namespace], Mapping[str, Any] | None] = lambda args: None,
+    *,
     state: str = _UNMOVED,
-) -> Callable[[Callable[[argparse.Namespace, Interruption], Awaitable[int]]], Run]:
-    """Return a decorator for the function of a command without a board: see `run_interruptible`."""
-    return lambda main: lambda args: run_interruptible(partial(main, args), state)
+    **options: Any,
+) -> Callable[[Talk], Run]:
+    """Return a decorator for the function of a command with a board: see `run_with_board`.
 
-
-def on_board(*, state: str = _UNMOVED, **options: Any) -> Callable[[Talk], Run]:
-    """Return a decorator for the function of a command with a board: see `run_with_board`."""
+    `before` is called before the board is chosen: it may end as wrong usage, or return further options.
+    """
 
     def decorated(talk: Talk) -> Run:
-        return lambda args: run_with_board(args, partial(talk, args), state=state, **options)
+        return lambda args: run_with_board(args, partial(talk, args), state=state, **options, **(before(args) or {}))
 
     return decorated
 
@@ -269,7 +274,7 @@ def refuse_without_answer(args: argparse.Namespace) -> None:
     """End as wrong usage without `--yes` and without a terminal for the question."""
     if args.yes:
         return
-    if args.json:
+    if Form.json:
         usage_error(args, "--json needs --yes, because it asks nothing")
     if not can_ask():
         usage_error(args, "no terminal for the question; --yes continues without asking")
@@ -277,7 +282,7 @@ def refuse_without_answer(args: argparse.Namespace) -> None:
 
 def refuse_unasked(args: argparse.Namespace, text: str) -> None:
     """End as wrong usage, with `text`, without `--yes` and without a terminal for the question."""
-    if not args.yes and (args.json or not can_ask()):
+    if not args.yes and not can_ask():
         usage_error(args, text)
 
 
@@ -297,8 +302,6 @@ def choose_board(args: argparse.Namespace) -> str:
     if args.url:
         return str(args.url)
 
-    from servolink.discovery.search import NO_BOARD_FOUND, boards, only, search
-
     candidates = search()
     found = boards(candidates)
     usable = [board for board in found if not board.problem]
@@ -306,7 +309,7 @@ def choose_board(args: argparse.Namespace) -> str:
         raise OpenError(NO_BOARD_FOUND, reason=Reason.NOT_FOUND)
     if len(found) == 1 or len(usable) == 1:
         return only(candidates)
-    if args.json or not can_ask():
+    if not can_ask():
         addresses = "\n".join(f"  --board {board.url}" for board in found)
         usage_error(args, f"{len(found)} boards are here; choose one:\n{addresses}")
     return _pick(args, found)

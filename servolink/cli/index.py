@@ -6,16 +6,16 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
+from importlib.resources import files
 from types import ModuleType
 from typing import NamedTuple
 
 from servolink.cli.command import Command
 
-PATH = os.path.join(os.path.dirname(__file__), "commands.json")  # noqa: PTH118, PTH120 - `pathlib` takes 3 ms to load
+TABLE = files("servolink.cli") / "commands.json"
 
 
 class IndexEntry(NamedTuple):
@@ -34,8 +34,7 @@ class IndexEntry(NamedTuple):
 @cache
 def index() -> dict[str, IndexEntry]:
     """Return all commands by name, in the order of the help."""
-    with open(PATH, "rb") as file:
-        return {name: IndexEntry(*entry) for name, entry in json.load(file).items()}
+    return {name: IndexEntry(*entry) for name, entry in json.loads(TABLE.read_bytes()).items()}
 
 
 def below(name: str) -> dict[str, IndexEntry]:

@@ -6,11 +6,14 @@ import argparse
 import io
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 from itertools import takewhile
 
 from servolink.cli.command_line import parser_of
 from servolink.cli.screen.output import (
+    SPOKEN,
+    Form,
     fail,
     flush_stderr,
     flush_stdout,
@@ -20,9 +23,10 @@ from servolink.cli.screen.output import (
     print_error,
     silence,
 )
+from servolink.cli.screen.result import ended
 from servolink.cli.usage import VARIABLES, WrongUsage
 from servolink.errors import ServolinkError
-from servolink.script import FAILED, exit_code
+from servolink.support import ExitCode
 
 _TRACEBACK = 2  # so many -v print the traceback of an error
 
@@ -32,30 +36,37 @@ def run(argv: Sequence[str] | None = None) -> int:
     open_missing_stderr()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # captions may hold characters unknown to the terminal
+            stream.reconfigure(errors=SPOKEN)
+    Form.json = "--json" in takewhile(lambda word: word != "--", sys.argv[1:] if argv is None else argv)
+    try:
+        return _run(argv)
+    finally:
+        Form.json = False
+
+
+def _run(argv: Sequence[str] | None) -> int:
     verbosity = 0
-    as_json = "--json" in takewhile(lambda word: word != "--", sys.argv[1:] if argv is None else argv)
     try:
         try:
             args = _parse(argv)
-            verbosity = args.verbose
+            verbosity, Form.json = args.verbose, args.json
             with logged(verbosity):
-                return int(args.run(args))
+                return ended(args.run(args))
         finally:
             flush_stderr()
             flush_stdout()
     except WrongUsage as wrong:
-        wrong.report(as_json=as_json)
+        wrong.report()
         raise
     except BrokenPipeError:  # the reader of our output has gone, as in `| head`
         silence(1)
-        return FAILED
+        return ExitCode.FAILED
     except Exception as error:
         if isinstance(error.__cause__, KeyboardInterrupt):
             raise
         if verbosity >= _TRACEBACK:
             _print_traceback()
-        return _fail(error, as_json=as_json)
+        return _fail(error)
 
 
 def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -66,19 +77,17 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     return args
 
 
-def _fail(error: Exception, *, as_json: bool) -> int:
+def _fail(error: Exception) -> int:
     """Print the error that ended a command, and return the exit code."""
     if isinstance(error, ServolinkError):
-        return fail(error, exit_code(error), as_json=as_json)
+        return fail(error, ExitCode.of(error))
     if isinstance(error, OSError):
-        return fail(error, FAILED, as_json=as_json, text=lost_output(error))
+        return fail(error, ExitCode.FAILED, text=lost_output(error))
     name = type(error).__name__
     text = f"internal error, please report it with the output of the same command and -vv: {name}: {error}"
-    return fail(error, FAILED, as_json=as_json, kind="InternalError", text=text)
+    return fail(error, ExitCode.FAILED, kind="InternalError", text=text)
 
 
 def _print_traceback() -> None:
-    import traceback
-
     for line in traceback.format_exc().splitlines():
         print_error(line)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, NoReturn
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import NoReturn
 
-from servolink.cli.screen.output import print_error, print_json_error
-from servolink.errors import ServolinkError, install_extra
-from servolink.script import USAGE
-
-if TYPE_CHECKING:  # `servolink --help` uses no path
-    from pathlib import Path
+from servolink.cli.screen.output import Form, print_error, print_json_error
+from servolink.support import ExitCode
 
 VARIABLES = ("SERVOLINK_BOARD", "SERVOLINK_URL")
 """Environment variables that name the board."""
@@ -23,13 +20,13 @@ class WrongUsage(SystemExit):
     """End of the process for wrong usage; `servolink.cli.main` prints the cause."""
 
     def __init__(self, parser: argparse.ArgumentParser, text: str) -> None:
-        super().__init__(USAGE)
+        super().__init__(ExitCode.USAGE)
         self._parser = parser
         self._text = text
 
-    def report(self, *, as_json: bool) -> None:
+    def report(self) -> None:
         """Print usage and cause, or the cause as a JSON object for programs."""
-        if as_json:
+        if Form.json:
             print_json_error("Usage", self._text)
             return
         text = f"{self._parser.format_usage()}{self._parser.prog}: error: {self._text}"
@@ -40,15 +37,6 @@ class WrongUsage(SystemExit):
 def usage_error(args: argparse.Namespace, text: str) -> NoReturn:
     """End as wrong usage, with `text` after the usage of the command."""
     raise WrongUsage(args.parser, text)
-
-
-@contextmanager
-def needing_extra(extra: str) -> Iterator[None]:
-    """Raise ServolinkError, with the way to install `extra`, if an import of this context fails."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise ServolinkError(f"this command needs {error.name}; {install_extra(extra)}") from error
 
 
 def refuse_input(args: argparse.Namespace, source: Path, outputs: Iterable[Path]) -> None:

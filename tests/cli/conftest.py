@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import pytest
 
+from servolink import virtual
 from servolink.cli import command_session
-from servolink.virtual import transport
 from tests.cli.programs import finished, started
 from tests.cli.robot import Robot
 
@@ -49,6 +49,6 @@ def robot(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -
     """Put a board with 3 servos behind `virtual://`, in virtual time."""
     robot = Robot(capsys)
     monkeypatch.setattr(asyncio, "run", robot.clock.run)
-    monkeypatch.setattr(transport, "from_address", robot.line)
+    monkeypatch.setattr(virtual, "from_address", robot.line)
     monkeypatch.setattr(command_session, "_PATIENCE", 1e9)  # until Ctrl-C ends the process, which is this one
     return robot

@@ -15,15 +15,10 @@ from typing import Any, TypeVar
 import pytest
 
 from servolink.cli.developers.virtual import _apply
-from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client import Board, connect
 from servolink.errors import OpenError
-from servolink.transports.address import Address
-from servolink.transports.base import Transport
-from servolink.transports.line_faults import Faults
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.board_script import parse_script
-from servolink.virtual.transport import FaultyVirtualTransport, VirtualTransport
+from servolink.transports import Address, Faults, Transport
+from servolink.virtual import FaultyVirtualTransport, VirtualBoard, VirtualTransport, parse_script
 from tests.cli.programs import Said, call
 from tests.virtual_time import VirtualClock
 

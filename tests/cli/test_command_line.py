@@ -16,11 +16,9 @@ import pytest
 from servolink.cli.command import TOPICS
 from servolink.cli.command_line import EXIT_CODES, parser_of
 from servolink.cli.index import below, index, load
-from servolink.project.figure import Figure, Joint, View
-from servolink.project.model import Project
-from servolink.project.project_file import save_project
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, Step
-from servolink.recorder.channels import Event
+from servolink.project import Figure, Joint, Project, View, save_project
+from servolink.protocol import Action, Button, JoystickTable, Macro, MacroCommand, Step
+from servolink.recorder import Event
 from tests.cli.programs import Said, call, program
 from tests.cli.robot import Robot
 from tests.cli.terminals import in_pipe, in_terminal
@@ -62,7 +60,6 @@ def test_every_command_has_examples(name: str) -> None:
     [
         ("mvoe 1=5", "there is no command 'mvoe'; did you mean move?"),
         ("servoes", "did you mean servos?"),
-        ("", "no command is given; `servolink --help` lists the commands"),
         ("action", "no command is given; `servolink action --help` lists the commands"),
         ("hlep", "there is no command 'hlep'; did you mean help?"),
         ("version", "did you mean --version?"),
@@ -199,6 +196,12 @@ def _prepare(name: str, robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPa
 def test_the_help_says_how_long_a_command_waits(command: str, seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
     told = " ".join(call(capsys, command, "--help").out.split())
     assert f"how long to wait for each response, {seconds} unless given" in told
+
+
+def test_without_a_command_all_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys)
+    assert (said.code, said.err) == (0, "")
+    assert said == call(capsys, "--help")
 
 
 @pytest.mark.parametrize("words", ["", "move", "project", "project play"])

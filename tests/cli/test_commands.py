@@ -10,12 +10,11 @@ import re
 
 import pytest
 
-from servolink.client.board import Board as ClientBoard
-from servolink.client.connect import connect
+from servolink.client import Board as ClientBoard
+from servolink.client import connect
 from servolink.errors import OutcomeUnknown
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
+from servolink.protocol import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.virtual import BoardKind, VirtualBoard
 from tests.cli.conftest import Addresses
 from tests.cli.programs import Said, call, program, started
 from tests.cli.robot import Robot
@@ -427,7 +426,7 @@ def test_bench_shows_how_far_it_is(url: str) -> None:
     said = in_terminal("--url", url, "bench", "--requests", "50")
     assert said.code == 0
     for what in ("shortest response: free memory", "state of all servos", "list of actions"):
-        assert re.search(rf"{what} \S*\x1b.* \S*100%", said.out), "the last picture of each bar"
+        assert re.search(rf"{what} \S*\x1b.* \S*50/50", said.out), "the last picture of each bar"
 
 
 def test_programs_reach_the_board_as_functions_do(url: str) -> None:

@@ -6,13 +6,13 @@ import sys
 from pathlib import Path
 
 from docs.command_index import entries, text
-from servolink.cli.index import PATH, below, index, load
+from servolink.cli.index import TABLE, below, index, load
 from tests import processes
 from tests.tables import over
 
 
 def test_the_index_is_made_from_the_declarations() -> None:
-    assert Path(PATH).read_text(encoding="ascii") == text(), "run: python -m docs.command_index"
+    assert Path(str(TABLE)).read_text(encoding="ascii") == text(), "run: python -m docs.command_index"
     assert index() == entries()
 
 

@@ -1,6 +1,6 @@
 """Ctrl-C: at once, without a traceback, and with the truth about the servos.
 
-Modules: servolink.cli.command_session, servolink.platforms.signals.
+Modules: servolink.cli.command_session, servolink.support.platforms.signals.
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from servolink.platforms.signals import ENDING
-from servolink.project.build import build_project
-from servolink.project.project_file import save_project
-from servolink.protocol.records import Action
-from servolink.transports.line_faults import Faults
+from servolink.project import build_project, save_project
+from servolink.protocol import Action
+from servolink.support import Signals
+from servolink.transports import Faults
 from tests import processes
 from tests.cli.conftest import Addresses
 from tests.cli.programs import environment, finished, in_terminal, patient
@@ -98,7 +97,7 @@ def test_a_board_that_does_not_answer_is_left_at_once(robot: Robot) -> None:
     assert (said.code, said.out, said.err) == (130, "", "interrupted: no servo was moved\n")
 
 
-@pytest.mark.parametrize("by", ["\x03", *sampled(ENDING, 1)])
+@pytest.mark.parametrize("by", ["\x03", *sampled(Signals.ENDING.value, 1)])
 def test_the_cursor_is_shown_again(by: str | signal.Signals) -> None:
     said = in_terminal("-b", "virtual://", "move", "1=90", "--duration", "300", later=("servo 1", by))
     assert said.code == 130
@@ -155,7 +154,7 @@ def test_a_thread_that_never_returns_does_not_hold_it_back() -> None:
     assert (said.code, said.err) == (130, "interrupted: no servo was moved\n")
 
 
-@pytest.mark.parametrize("by", ENDING)
+@pytest.mark.parametrize("by", Signals.ENDING.value)
 def test_the_demo_can_be_left_and_leaves_nothing(by: signal.Signals, tmp_path: Path) -> None:
     playing = patient("demo", TMPDIR=str(tmp_path))
     assert playing.stdout is not None

@@ -5,62 +5,32 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import pytest
-
 import servolink
 from tests import processes
 from tests.cli.programs import environment
 
 PACKAGE = Path(servolink.__file__).parent
 
-HEAVY = {
-    "asyncio",
-    "rich",
-    "serial",
-    "serial_asyncio",
-    "hid",
-    "hidraw",
-    "usb",
-    "ssl",
-    "servolink.client",
-}
+DRIVERS = {"serial", "serial_asyncio", "hid", "hidraw", "usb", "libusb_package"}
+"""Packages for one kind of address each."""
 
-NOT_FOR_CONNECTING = {
-    "copy",
-    "pathlib",
-    "unicodedata",
-    "servolink.client.captions",
-    "servolink.client.reconnect",
-    "servolink.connection.evidence",
-    "servolink.pauses",
-    "servolink.project",
-    "servolink.protocol.lenient",
-    "servolink.transports.base",
-    "servolink.transports.foreign",
-}
-"""Modules for captions, losses, errors, rare boards and text outside ASCII, of the system and of servolink."""
+EXTRAS = {"aiohttp", "foxglove", "gymnasium", "mcap", "mcp", "mujoco", "paho", "prometheus_client", "rich"}
+"""Packages for one command or door each."""
 
-MOST_FOR_CONNECTING = 65
-"""Modules of servolink, with packages."""
-
-NOT_FOR_SERVOS = {
-    "copy",
-    "termios",
-    "servolink.discovery.names",
-    "servolink.discovery.search",
-    "servolink.profiles.store",
-    "servolink.virtual.state_file",
-} | ({"pathlib", "platformdirs"} if sys.platform == "linux" else set())
-"""Modules that find boards and profiles, for an address where nothing has a profile, and that read keys."""
+LATE = DRIVERS | EXTRAS
+"""Packages that are loaded by what needs them only: commands, drivers and extras come late, all else at once."""
 
 LIST_MODULES = """
-import sys
+import shlex, sys
 from servolink.__main__ import main
-try:
-    main(sys.argv[1:])
-finally:
-    print(*sys.modules, file=sys.stderr)
+for line in sys.argv[1:]:
+    try:
+        main(shlex.split(line))
+    except SystemExit:
+        pass
+print(*sys.modules, file=sys.stderr)
 """
+"""Runs command lines one after the other."""
 
 
 NOT_COUNTED = {"COVERAGE_PROCESS_START": "", "COVERAGE_PROCESS_CONFIG": ""}
@@ -74,43 +44,31 @@ def loaded_by(folder: Path, program: str, *arguments: str) -> set[str]:
     return set(ran.stderr.split())
 
 
-@pytest.mark.parametrize(
-    ("arguments", "unwanted"),
-    [
-        (("--help",), HEAVY | {"msgspec"}),
-        *(
-            ((command, "--help"), HEAVY - {"asyncio", "ssl"} | {"msgspec"})
-            for command in ("move", "stop", "servos", "events")
-        ),
-        *(
-            ((*command.split(), "--help"), HEAVY - {"asyncio", "ssl"} | {"msgspec"})
-            for command in ("action add", "table set", "macro delete", "servo trim", "board clear")
-        ),
-        (("request", "--help"), HEAVY - {"asyncio", "ssl"}),
-        (("decode", "134c051d1a2700000000c5"), HEAVY),
-        (("--url", "virtual://", "info"), {"rich", "serial", "hid", "hidraw", "usb"}),
-        (("--url", "virtual://", "servos"), NOT_FOR_SERVOS),
-        (("--url", "virtual://", "stop", "--json"), {"rich", "serial", "hid", "hidraw", "usb"}),
-    ],
-)
-def test_only_what_is_needed_is_loaded(arguments: tuple[str, ...], unwanted: set[str], tmp_path: Path) -> None:
-    loaded = loaded_by(tmp_path, LIST_MODULES, *arguments)
+def test_the_help_of_all_commands_loads_no_command(tmp_path: Path) -> None:
+    loaded = loaded_by(tmp_path, LIST_MODULES, "--help")
     assert "servolink.cli.main" in loaded
-    assert loaded & unwanted == set()
+    assert loaded & (LATE | {"servolink.client", "servolink.cli.motion.move"}) == set()
 
 
-def test_connecting_loads_neither_searches_nor_other_kinds_of_address(tmp_path: Path) -> None:
+def test_only_what_is_needed_is_loaded(tmp_path: Path) -> None:
+    commands = ("move", "stop", "servos", "events", "request")
+    changes = ("action add", "table set", "macro delete", "servo trim", "board clear")
+    asked = ("info", "servos", "stop --json")
+    lines = [
+        *(f"{command} --help" for command in (*commands, *changes)),
+        "decode 134c051d1a2700000000c5",
+        *(f"--url virtual:// {command}" for command in asked),
+    ]
+    loaded = loaded_by(tmp_path, LIST_MODULES, *lines)
+    assert "servolink.cli.motion.move" in loaded
+    assert loaded & LATE == set()
+
+
+def test_connecting_loads_neither_drivers_nor_boards_of_software(tmp_path: Path) -> None:
     program = "import sys, servolink; servolink.connect('virtual://'); print(*sys.modules, file=sys.stderr)"
     loaded = loaded_by(tmp_path, program)
     assert "servolink.client.board" in loaded
-    assert loaded & (HEAVY - {"asyncio", "ssl", "servolink.client"}) == set()
-    assert (
-        loaded & {"servolink.cli", "servolink.discovery", "servolink.transports.serial_ports", "servolink.virtual"}
-        == set()
-    )
-    assert loaded & NOT_FOR_CONNECTING == set()
-    own = [name for name in loaded if name.partition(".")[0] == "servolink"]
-    assert len(own) <= MOST_FOR_CONNECTING, "each module takes 0.1 ms: import it where it is used"
+    assert loaded & (LATE | {"servolink.cli", "servolink.hub", "servolink.virtual"}) == set()
 
 
 FIRST_IMPORTS = """

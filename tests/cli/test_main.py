@@ -42,7 +42,7 @@ def test_help_names_the_exit_codes(command: str | None, capsys: pytest.CaptureFi
 def test_without_a_board_it_says_what_to_write(
     command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("servolink.discovery.search.search", list)
+    monkeypatch.setattr("servolink.boards.search", list)
     said = call(capsys, command)
     assert said.code == 3
     assert all(text in said.err for text in ("SERVOLINK_BOARD", "serial:///dev/ttyACM0", "tcp://", "virtual://"))
@@ -61,7 +61,7 @@ def test_the_address_may_come_from_the_environment(
 def test_an_empty_address_in_the_environment_is_none(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("servolink.discovery.search.search", list)
+    monkeypatch.setattr("servolink.boards.search", list)
     monkeypatch.setenv("SERVOLINK_URL", "")
     said = call(capsys, "info")
     assert (said.code, said.out) == (3, "")
@@ -72,7 +72,6 @@ def test_an_empty_address_in_the_environment_is_none(
     "arguments",
     [
         ("nothing",),
-        (),
         ("--url", "virtual://", "move"),
         ("--url", "virtual://", "move", "1:90"),
         ("--url", "virtual://", "move", "255=1"),
@@ -321,7 +320,7 @@ def test_a_traceback_is_printed_on_request(capsys: pytest.CaptureFixture[str]) -
 def test_a_bug_is_one_line_that_asks_for_a_report(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("servolink.client.connect.connect", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("servolink.cli.command_session.connect", lambda *_, **__: 1 / 0)
     assert main(("-b", "virtual://", "info")) == 1
     assert capsys.readouterr().err == (
         "servolink: internal error, please report it with the output of the same command and -vv: "
@@ -351,7 +350,12 @@ def test_an_interruption_while_modules_are_loaded_is_one(
 def test_a_terminal_that_knows_ascii_only_is_enough() -> None:
     said = program("--url", "virtual://?servos=1", "servos", PYTHONUTF8="0", PYTHONIOENCODING="ascii")
     assert said.code == 0
-    assert r"\xb0" in said.out
+    assert "2 deg" in said.out
+    header, row = said.out.splitlines()
+    assert header.index("state") == row.index("ready")
+    said = program("--url", "virtual://?servos=1", "move", "1=400", PYTHONUTF8="0", PYTHONIOENCODING="ascii")
+    assert said.code != 0
+    assert "\\x" not in said.err
 
 
 @pytest.mark.parametrize(

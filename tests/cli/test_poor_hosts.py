@@ -14,11 +14,9 @@ from pathlib import Path
 import pytest
 
 import servolink
-from servolink.project.figure import Figure, Joint, View
-from servolink.project.model import Project
-from servolink.project.project_file import save_project
-from servolink.protocol.records import Action, Step
-from servolink.recorder.channels import Event
+from servolink.project import Figure, Joint, Project, View, save_project
+from servolink.protocol import Action, Step
+from servolink.recorder import Event
 from tests import processes
 from tests.cli.programs import Said, environment
 from tests.recorder.files import write as write_recording
@@ -54,7 +52,7 @@ WITHOUT_COMMANDS = {"gym", "test", "browser", "docs", "lint", "bench"}
 
 WITHOUT_EXTRAS = """
 import json, sys
-from tests.platforms.other_system import run_all
+from tests.support.platforms.other_system import run_all
 
 class Missing:
     def find_spec(self, name, *_):

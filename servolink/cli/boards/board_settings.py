@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import whole_number
 from servolink.cli.command import Command, flag, option
@@ -16,17 +15,50 @@ from servolink.cli.command_session import (
     refuse_without_answer,
     run_with_board,
 )
-from servolink.cli.screen.output import counted, print_json, print_result, print_text
+from servolink.cli.projects.apply import BoardImport
+from servolink.cli.screen.output import counted
+from servolink.cli.screen.result import CommandResult, Ending, Returned
+from servolink.cli.stored.change import changed_text
 from servolink.cli.usage import usage_error
+from servolink.client import Board
 from servolink.errors import ProjectError
-from servolink.script import OK
-
-if TYPE_CHECKING:
-    from servolink.client.board import Board
-    from servolink.project.transfer.results import Plan
-    from servolink.protocol.settings import QueryMemorySizeResponse
+from servolink.project import UNFINISHED, Plan, Project
+from servolink.protocol import QueryMemorySizeResponse
 
 _DUMMY = bytes(range(16))
+_FULL = 100  # percent
+
+
+class ProjectId(CommandResult, frozen=True):
+    """JSON of `board project-id`, as the board reports it."""
+
+    project_id: int
+    has_unfinished_import: bool
+
+
+class TransmissionMode(CommandResult, frozen=True):
+    """JSON of `board mode`: the mode that was set."""
+
+    transmission_mode: int
+
+
+class MemoryShown(CommandResult, frozen=True):
+    """JSON of `board memory`, in bytes; -1 for a board without measurement, null without a response."""
+
+    size_bytes: int | None
+    total_size_bytes: int | None
+
+
+class BatteryShown(CommandResult, frozen=True):
+    """JSON of `board battery`, in percent; null for a board without measurement."""
+
+    battery_percent: float | None
+
+
+class BytesSent(CommandResult, frozen=True):
+    """JSON of `board dummy`: the number of bytes sent."""
+
+    bytes: int
 
 
 @Command(
@@ -36,10 +68,8 @@ _DUMMY = bytes(range(16))
     options=(option("id", "ID", "write this one; 0: none", whole_number(0, 2**31 - 1), nargs="?"), KEEP_MODE),
 )
 @on_board(state=UNTOUCHED)
-async def run_project_id(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
+async def run_project_id(args: argparse.Namespace, board: Board, interruption: Interruption) -> Returned:
     """Print the project id, or write a new id and read the id back."""
-    from servolink.project.model import is_unfinished
-
     if args.id is not None:
         await refuse_marker(board, args.id)
         interruption.state = f"project id {args.id} may have been written"
@@ -47,19 +77,13 @@ async def run_project_id(args: argparse.Namespace, board: Board, interruption: I
     project_id = await board.project_id()
     if args.id is not None and project_id != args.id:
         raise ProjectError(f"{board.url} accepted project id {args.id}, but reports {project_id}")
-    if args.json:
-        print_json({"project_id": project_id, "has_unfinished_import": await board.has_unfinished_import()})
-    else:
-        shown = "none: an import is unfinished" if is_unfinished(project_id) else project_id or "none"
-        print_text(f"project id {shown}")
-    return OK
+    shown = "none: an import is unfinished" if project_id in UNFINISHED else project_id or "none"
+    return Returned(ProjectId(project_id, await board.has_unfinished_import()), f"project id {shown}")
 
 
 async def refuse_marker(board: Board, project_id: int) -> None:
     """Raise ProjectError if `project_id` would mark an unfinished import, or would hide one."""
-    from servolink.project.model import UNFINISHED, is_unfinished
-
-    if is_unfinished(project_id):
+    if project_id in UNFINISHED:
         raise ProjectError(
             f"project id {project_id} is reserved: {UNFINISHED.start} to {UNFINISHED.stop - 1} mean that an import is "
             f"unfinished; {UNTOUCHED}"
@@ -82,12 +106,11 @@ async def refuse_marker(board: Board, project_id: int) -> None:
     ),
 )
 @on_board(state=UNTOUCHED)
-async def run_mode(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
+async def run_mode(args: argparse.Namespace, board: Board, interruption: Interruption) -> Returned:
     """Set the transmission mode."""
     interruption.state = f"transmission mode {args.mode} may have been set"
     await board.set_transmission_mode(args.mode)
-    print_result(args, {"transmission_mode": args.mode}, f"the board is in transmission mode {args.mode}")
-    return OK
+    return Returned(TransmissionMode(args.mode), f"the board is in transmission mode {args.mode}")
 
 
 @Command(
@@ -97,14 +120,10 @@ async def run_mode(args: argparse.Namespace, board: Board, interruption: Interru
     options=(KEEP_MODE,),
 )
 @on_board(state=UNTOUCHED)
-async def run_memory(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
+async def run_memory(args: argparse.Namespace, board: Board, interruption: Interruption) -> Returned:
     """Print the memory."""
     memory = await board.memory()
-    if args.json:
-        print_json({"size_bytes": memory.size, "total_size_bytes": memory.total_size})
-    else:
-        print_text(f"memory {memory_text(board, memory)}")
-    return OK
+    return Returned(MemoryShown(memory.size, memory.total_size), f"memory {memory_text(board, memory)}")
 
 
 def memory_text(board: Board, memory: QueryMemorySizeResponse) -> str:
@@ -113,7 +132,8 @@ def memory_text(board: Board, memory: QueryMemorySizeResponse) -> str:
         return "not measured by the board"
     unit = board.profile and board.profile.settings.memory_unit
     total = "" if memory.total_size is None else f" of {memory.total_size:,}"
-    return f"{memory.size:,} free{total}, {'bytes' if unit else 'in a unit not learnt so far'}"
+    doubt = " (implausible: more than there is)" if memory.size > (memory.total_size or memory.size) >= 0 else ""
+    return f"{memory.size:,} free{total}{doubt}, {'bytes' if unit else 'in a unit not learnt so far'}"
 
 
 @Command(
@@ -123,16 +143,17 @@ def memory_text(board: Board, memory: QueryMemorySizeResponse) -> str:
     options=(KEEP_MODE,),
 )
 @on_board(state=UNTOUCHED)
-async def run_battery(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
+async def run_battery(args: argparse.Namespace, board: Board, interruption: Interruption) -> Returned:
     """Print the charge."""
     percent = await board.battery()
-    print_result(args, {"battery_percent": percent}, battery_text(percent))
-    return OK
+    return Returned(BatteryShown(percent), battery_text(percent))
 
 
 def battery_text(percent: float | None) -> str:
     """Return the charge of the battery for people."""
-    return "not measured by the board" if percent is None else f"{percent} %"
+    if percent is None:
+        return "not measured by the board"
+    return f"{percent} %" if percent <= _FULL else f"{percent} % (implausible: beyond {_FULL})"
 
 
 @Command(
@@ -141,21 +162,13 @@ def battery_text(percent: float | None) -> str:
     examples=("board clear --yes",),
     options=(flag("--no-backup", "save no backup; what is deleted is lost"), flag("--yes", "do not ask")),
 )
-def run_clear(args: argparse.Namespace) -> int:
+@on_board(refuse_without_answer, state=UNTOUCHED)
+async def run_clear(args: argparse.Namespace, board: Board, interruption: Interruption) -> Ending:
     """Delete everything, after a backup, and read back that nothing is left."""
-    from servolink.cli.projects.apply import BoardImport
-    from servolink.cli.stored.change import show_changes
-    from servolink.project.model import Project
-
-    refuse_without_answer(args)
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        way_out = "without a backup nothing can undo it" if args.no_backup else "`servolink rollback` undoes it"
-        ways_out = f"the same command finishes it; {way_out}"
-        clearing = BoardImport(args, board, interruption, ways_out, show=show_changes, ask=_question)
-        return await clearing.apply(Project(), replace=True, backup=not args.no_backup)
-
-    return run_with_board(args, talk, state=UNTOUCHED)
+    way_out = "without a backup nothing can undo it" if args.no_backup else "`servolink rollback` undoes it"
+    ways_out = f"the same command finishes it; {way_out}"
+    clearing = BoardImport(args, board, interruption, ways_out, text=changed_text, ask=_question)
+    return await clearing.apply(Project(), replace=True, backup=not args.no_backup)
 
 
 def _question(plan: Plan) -> str:
@@ -175,10 +188,9 @@ def run_dummy(args: argparse.Namespace) -> int:
     except ValueError:
         usage_error(args, "HEX must be hex digits in pairs, such as 00ff")
 
-    async def talk(board: Board, interruption: Interruption) -> int:
+    async def talk(board: Board, interruption: Interruption) -> Returned:
         await board.send_dummy_data(data)
         await board.servo_ids()  # proves that the bytes have left and the board still answers
-        print_result(args, {"bytes": len(data)}, f"{counted(len(data), 'byte')} sent; the board ignored them")
-        return OK
+        return Returned(BytesSent(len(data)), f"{counted(len(data), 'byte')} sent; the board ignored them")
 
     return run_with_board(args, talk, state=UNTOUCHED)

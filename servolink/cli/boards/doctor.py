@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from dataclasses import asdict
+from collections.abc import Iterator
 from typing import Any
 
-import msgspec
-
+from servolink.boards import resolve_url, search
 from servolink.cli.arguments import SERVO_NAME, not_empty
+from servolink.cli.boards import learn
 from servolink.cli.command import FIRST_STEPS, Command, flag, group, option
 from servolink.cli.command_session import Interruption, run_interruptible
-from servolink.cli.screen.output import Table, print_json, print_table, print_text
+from servolink.cli.screen.output import Table
+from servolink.cli.screen.result import CommandResult, Ending, Part, Returned
 from servolink.cli.usage import usage_error
-from servolink.discovery.resolving import resolve_url
-from servolink.discovery.search import search
-from servolink.doctor.examine import Report, examine
-from servolink.doctor.permissions import rules
-from servolink.doctor.system import ListedUsbDevice, SystemFacts, named_usb_device, usb_device
-from servolink.errors import OpenError
-from servolink.script import FAILED, NO_BOARD, OK
+from servolink.doctor import Finding, ProbeResponse, Report, SystemFacts, examine, rules_for
+from servolink.support import ExitCode
+from servolink.transports import DeviceInfo
 
 _PERCENTILES = (50, 90, 99)
+_COUNTS = ("received_bytes", "noise_bytes", "requests", "unanswered", "late", "echoes", "repeated")
 _FOR_LEARNING = ("write", "clear", "servo", "power_cycled", "yes")
 
 
@@ -51,76 +49,66 @@ _LEARNING = (
     ),
     patience="about 0.5",
 )
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Ending:
     """Examine the board and this computer and report, or learn the board, or print udev rules."""
     if args.learn:
-        from servolink.cli.boards import learn  # late: it needs far more than the rest
-
         return learn.run(args)
     if given := [name for name in _FOR_LEARNING if getattr(args, name) not in (False, None)]:
         usage_error(args, f"--{given[0].replace('_', '-')} needs --learn")
     facts = SystemFacts()
     board = args.board or args.url
     if args.print_udev:
-        print(rules(facts, _devices(facts, board)), end="")
-        return OK
+        urls = [asyncio.run(resolve_url(board))] if board else [device.url for device in search()]
+        print(rules_for(facts, urls), end="")
+        return ExitCode.OK
 
-    async def main(interruption: Interruption) -> int:
+    async def main(interruption: Interruption) -> Returned:
         report = await examine(facts, board, args.byte_order, args.timeout)
-        if args.json:
-            print_json(described(report))
-        else:
-            print_report(report)
-        return NO_BOARD if report.is_absent else FAILED if report.findings else OK
+        is_well = all(each.is_harmless for each in report.findings)
+        code = ExitCode.NO_BOARD if report.is_absent else ExitCode.OK if is_well else ExitCode.FAILED
+        return Returned(Examination(**examined(report)), report_text(report), code)
 
     return run_interruptible(main, "nothing was changed")
 
 
-def _devices(facts: SystemFacts, board: str | None) -> list[ListedUsbDevice]:
-    """Return the USB devices to write rules for. Raise OpenError if there are none."""
-    urls = [asyncio.run(resolve_url(board))] if board else [candidate.url for candidate in search()]
-    found = [device for url in urls if (device := usb_device(facts, url) or named_usb_device(url)) is not None]
-    if not found:
-        raise OpenError(
-            "no board was found on USB to write rules for; plug the board in, or name one: "
-            "servolink doctor --print-udev usb://VID:PID"
-        )
-    return found
+class Examination(CommandResult, frozen=True, kw_only=True):
+    """JSON of `doctor`. Round trips are in seconds by percentile, such as p50; null without a round trip."""
+
+    boards: list[DeviceInfo]
+    examined: list[str]
+    response: ProbeResponse | None
+    unsupported: tuple[str, ...]
+    is_proved: bool
+    line: dict[str, int | dict[str, float | None]] | None
+    findings: list[Finding]
 
 
-def described(report: Report) -> dict[str, Any]:
-    """Return an examination for `--json`."""
+def examined(report: Report) -> dict[str, Any]:
+    """Return the fields of `Examination` by name."""
+    line = report.line
     return {
-        "boards": msgspec.to_builtins(report.candidates),
+        "boards": report.candidates,
         "examined": report.urls,
-        "response": report.response and asdict(report.response),
-        "unsupported": list(report.unsupported),
+        "response": report.response,
+        "unsupported": report.unsupported,
         "is_proved": report.is_proved,
-        "line": report.line
+        "line": line
         and {
-            "received_bytes": report.line.received_bytes,
-            "noise_bytes": report.line.noise_bytes,
-            "requests": report.line.requests,
-            "unanswered": report.line.unanswered,
-            "late": report.line.late,
-            "repeated": report.line.repeated,
-            "round_trip_seconds": {f"p{percent}": report.line.percentile(percent) for percent in _PERCENTILES},
+            **{name: getattr(line, name) for name in _COUNTS},
+            "round_trip_seconds": {f"p{percent}": line.percentile(percent) for percent in _PERCENTILES},
         },
-        "findings": [asdict(finding) for finding in report.findings],
+        "findings": report.findings,
     }
 
 
-def print_report(report: Report) -> None:
-    """Print an examination: the facts, then each finding with its remedy."""
-    print_table(Table((), list(_facts(report))))
+def report_text(report: Report) -> Iterator[Part]:
+    """Yield an examination for people: the facts, then each finding with its remedy."""
+    yield Table((), list(_facts(report)))
     for number, finding in enumerate(report.findings, 1):
-        print_text("")
-        print_text(f"{number}. {finding.check}", "bold")
-        print_table(
-            Table((), [("observation", finding.observation), ("meaning", finding.meaning), *_steps(finding.remedy)])
-        )
+        yield from ("", (f"{number}. {finding.check}", "bold"))
+        yield Table((), [("observation", finding.observation), ("meaning", finding.meaning), *_steps(finding.remedy)])
     if not report.findings:
-        print_text("nothing is wrong")
+        yield "nothing is wrong"
 
 
 def _facts(report: Report) -> list[tuple[str, str]]:

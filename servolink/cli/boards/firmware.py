@@ -5,23 +5,22 @@ from __future__ import annotations
 import argparse
 import hashlib
 import re
-from dataclasses import asdict, replace
+from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from servolink import firmware
 from servolink.cli.arguments import not_empty
-from servolink.cli.boards.doctor import described, print_report
+from servolink.cli.boards.doctor import Examination, examined, report_text
 from servolink.cli.command import DEVELOPERS, Command, flag, option
-from servolink.cli.command_session import Interruption, agreed, refuse_without_answer, run_interruptible
-from servolink.cli.screen.output import Table, print_error, print_json, print_result, print_table, print_text
+from servolink.cli.command_session import Interruption, agreed, interruptible, refuse_without_answer
+from servolink.cli.screen.output import Table, print_error
+from servolink.cli.screen.result import CommandResult, Ending, Returned
 from servolink.cli.usage import usage_error
-from servolink.doctor.examine import examine
-from servolink.doctor.system import SystemFacts
+from servolink.doctor import SystemFacts, examine
 from servolink.errors import ServolinkError
-from servolink.files import read_file
-from servolink.firmware import compiling, image, install
-from servolink.json_text import read_json
-from servolink.script import FAILED, OK
+from servolink.support import ExitCode, read_file, read_json
 
 _WIRING = [
     ("GPIO 0 to 15", "signal of servos 1 to 16"),
@@ -34,6 +33,7 @@ _WIRING = [
     ("GND", "also to the servos' supply, which must not be the Pico's 3.3 V or USB"),
 ]
 """Pins of the Pico, each with the part to connect."""
+_WIRING_TABLE = Table(("pin", "connect"), _WIRING)
 _LARGEST = 1 << 20
 """Bytes of the largest file of ranges."""
 _VOLTAGES = re.compile(r"([0-9]{1,3}(?:\.[0-9]+)?)-([0-9]{1,3}(?:\.[0-9]+)?)")
@@ -52,9 +52,35 @@ FIRMWARE = Command(
 )
 
 
-def _settings(args: argparse.Namespace, binary: bytes) -> image.ImageSettings:
+class FirmwareInstalled(Examination, frozen=True, kw_only=True):
+    """JSON of `firmware install`: the examination of the new board, and what to connect to each pin."""
+
+    board: str
+    wiring: dict[str, str]
+
+
+class FirmwareBuilt(CommandResult, frozen=True):
+    """JSON of `firmware build`; `is_same` says whether the image equals the one of servolink."""
+
+    image: str
+    is_same: bool
+
+
+class FirmwareInfo(CommandResult, frozen=True):
+    """JSON of `firmware info`; `usb` has the ids of vendor and product."""
+
+    image: str
+    sha256: str
+    bytes_of_flash: int
+    usb: str
+    product: str
+    settings: firmware.ImageSettings
+    wiring: dict[str, str]
+
+
+def _settings(args: argparse.Namespace, binary: bytes) -> firmware.ImageSettings:
     """Return the settings of the image, changed by the options. Raise ValueError for a wrong value."""
-    settings = image.read_settings(binary)
+    settings = firmware.read_settings(binary)
     if args.pulses:
         settings = replace(settings, ranges=_read_ranges(Path(args.pulses), settings))
     if args.battery:
@@ -70,7 +96,7 @@ def _settings(args: argparse.Namespace, binary: bytes) -> image.ImageSettings:
     return replace(settings, **counts)
 
 
-def _read_ranges(path: Path, settings: image.ImageSettings) -> tuple[image.Range, ...]:
+def _read_ranges(path: Path, settings: firmware.ImageSettings) -> tuple[firmware.Range, ...]:
     """Return the ranges of all servos, changed by the file for `--pulses`. Raise ValueError with its name."""
     try:
         return _ranges(read_json(read_file(path, _LARGEST)), settings)
@@ -80,17 +106,17 @@ def _read_ranges(path: Path, settings: image.ImageSettings) -> tuple[image.Range
         raise ValueError(f"{path}: {error}") from error
 
 
-def _ranges(given: Any, settings: image.ImageSettings) -> tuple[image.Range, ...]:
+def _ranges(given: Any, settings: firmware.ImageSettings) -> tuple[firmware.Range, ...]:
     """Return the ranges of all servos, changed by the content of the file for `--pulses`."""
     ranges = list(settings.ranges)
     if not isinstance(given, dict):
         raise ValueError("must be an object with an array for each servo")  # noqa: TRY004 - the content of a file
     for servo, values in given.items():
-        if servo not in {str(number) for number in range(1, image.SERVOS + 1)}:
-            raise ValueError(f"servo {servo!r} must be 1 to {image.SERVOS}")
+        if servo not in {str(number) for number in range(1, firmware.SERVOS + 1)}:
+            raise ValueError(f"servo {servo!r} must be 1 to {firmware.SERVOS}")
         if not (isinstance(values, list) and len(values) == 4 and all(type(value) is int for value in values)):
             raise ValueError(f"servo {servo} must have two pulses and two angles, such as [500, 2500, -90, 90]")
-        ranges[int(servo) - 1] = image.Range(*values)
+        ranges[int(servo) - 1] = firmware.Range(*values)
     return tuple(ranges)
 
 
@@ -111,43 +137,38 @@ def _ranges(given: Any, settings: image.ImageSettings) -> tuple[image.Range, ...
     ),
     takes_board=False,
 )
-def run_install(args: argparse.Namespace) -> int:
+@interruptible("nothing was written")
+async def run_install(args: argparse.Namespace, interruption: Interruption) -> Ending:
     """Write the image with its settings, wait for the board and examine it."""
     refuse_without_answer(args)
-    binary = image.from_uf2(compiling.IMAGE.read_bytes())
+    binary = firmware.from_uf2(firmware.IMAGE.read_bytes())
     try:
-        blocks = image.to_uf2(image.with_settings(binary, _settings(args, binary)))
+        blocks = firmware.to_uf2(firmware.with_settings(binary, _settings(args, binary)))
     except ValueError as error:
         usage_error(args, str(error))
-
-    async def main(interruption: Interruption) -> int:
-        # Ports of other boards with this firmware must not be mistaken for the new board.
-        before = install.ports()
-        if args.drive:
-            drive = Path(args.drive)
-            if not install.is_pico(drive):
-                raise ServolinkError(f"{drive} is not the drive of a Pico in boot mode: its INFO_UF2.TXT is missing")
-        else:
-            drive = await install.wait_for_drive(
-                _DRIVE_SECONDS,
-                lambda: print_error("servolink: hold the button BOOTSEL of the Pico while you plug it in"),
-            )
-        if not await agreed(args, interruption, f"write the firmware onto the Pico at {drive}?"):
-            return FAILED
-        interruption.state = "the Pico may have no firmware: install it again"
-        install.write(drive, blocks)
-        interruption.state = "the firmware was written to the Pico"
-        port = await install.wait_for_port(before, _PORT_SECONDS)
-        report = await examine(SystemFacts(), port.url)
-        if args.json:
-            print_json({"board": port.url, **described(report), "wiring": dict(_WIRING)})
-        else:
-            print_text(f"the board is at {port.url}", "bold")
-            print_report(report)
-            print_table(Table(("pin", "connect"), _WIRING))
-        return FAILED if report.findings else OK
-
-    return run_interruptible(main, "nothing was written")
+    # Ports of other boards with this firmware must not be mistaken for the new board.
+    before = firmware.ports()
+    if args.drive:
+        drive = Path(args.drive)
+        if not firmware.is_pico(drive):
+            raise ServolinkError(f"{drive} is not the drive of a Pico in boot mode: its INFO_UF2.TXT is missing")
+    else:
+        drive = await firmware.wait_for_drive(
+            _DRIVE_SECONDS,
+            lambda: print_error("servolink: hold the button BOOTSEL of the Pico while you plug it in"),
+        )
+    if not await agreed(args, interruption, f"write the firmware onto the Pico at {drive}?"):
+        return ExitCode.FAILED
+    interruption.state = "the Pico may have no firmware: install it again"
+    firmware.write(drive, blocks)
+    interruption.state = "the firmware was written to the Pico"
+    port = await firmware.wait_for_port(before, _PORT_SECONDS)
+    report = await examine(SystemFacts(), port.url)
+    return Returned(
+        FirmwareInstalled(board=port.url, **examined(report), wiring=dict(_WIRING)),
+        chain([(f"the board is at {port.url}", "bold")], report_text(report), [_WIRING_TABLE]),
+        ExitCode.FAILED if report.findings else ExitCode.OK,
+    )
 
 
 @Command(
@@ -158,14 +179,13 @@ def run_install(args: argparse.Namespace) -> int:
     options=(option("folder", "DIR", "folder for the image; made if needed", not_empty),),
     takes_board=False,
 )
-def run_build(args: argparse.Namespace) -> int:
+def run_build(args: argparse.Namespace) -> Returned:
     """Compile the firmware, and compare it with the image of the package."""
-    path = compiling.build(Path(args.folder))
+    path = firmware.build(Path(args.folder))
     # Another version of the compiler makes other bytes from the same sources.
-    is_same = path.read_bytes() == compiling.IMAGE.read_bytes()
+    is_same = path.read_bytes() == firmware.IMAGE.read_bytes()
     text = f"{path}, {'the same as' if is_same else 'other bytes than'} the image of this servolink"
-    print_result(args, {"image": str(path), "is_same": is_same}, text)
-    return OK
+    return Returned(FirmwareBuilt(str(path), is_same), text)
 
 
 @Command(
@@ -174,29 +194,22 @@ def run_build(args: argparse.Namespace) -> int:
     examples=("firmware info",),
     takes_board=False,
 )
-def run_info(args: argparse.Namespace) -> int:
+def run_info(_: argparse.Namespace) -> Returned:
     """Show the facts of the image, its settings and the wiring."""
-    blocks = compiling.IMAGE.read_bytes()
-    binary = image.from_uf2(blocks)
-    settings = image.read_settings(binary)
-    usb = "{:04x}:{:04x}".format(*install.USB_ID)
+    blocks = firmware.IMAGE.read_bytes()
+    binary = firmware.from_uf2(blocks)
+    settings = firmware.read_settings(binary)
+    usb = "{:04x}:{:04x}".format(*firmware.USB_ID)
     digest = hashlib.sha256(blocks).hexdigest()
-    if args.json:
-        facts = {"image": str(compiling.IMAGE), "sha256": digest, "bytes_of_flash": len(binary)}
-        print_json(
-            {**facts, "usb": usb, "product": install.PRODUCT, "settings": asdict(settings), "wiring": dict(_WIRING)}
-        )
-        return OK
+    image = str(firmware.IMAGE)
+    facts = FirmwareInfo(image, digest, len(binary), usb, firmware.PRODUCT, settings, dict(_WIRING))
     one = settings.ranges[0]
     rows = [
-        ("image", str(compiling.IMAGE)),
+        ("image", image),
         ("SHA-256", digest),
         ("flash", f"{len(binary):,} bytes"),
-        ("USB", f"{usb}, product {install.PRODUCT!r}"),
+        ("USB", f"{usb}, product {firmware.PRODUCT!r}"),
         ("servos", f"{settings.servos}, {one.shortest} to {one.longest} us for {one.least} to {one.greatest} degrees"),
         ("buttons", str(settings.buttons)),
     ]
-    print_table(Table((), rows))
-    print_text("")
-    print_table(Table(("pin", "connect"), _WIRING))
-    return OK
+    return Returned(facts, [Table((), rows), "", _WIRING_TABLE])

@@ -5,20 +5,63 @@ from __future__ import annotations
 import argparse
 import asyncio
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from datetime import datetime
+from typing import Any
 
+from msgspec import Struct
+from msgspec.structs import asdict, astuple
+
+from servolink.boards import Aliases, BoardIdentityRecord, BoardProfile, ProfileFile, SafetyLimits
 from servolink.cli.command import STORED, Command, flag, option
-from servolink.cli.command_session import Interruption, agreed, refuse_unasked, run_interruptible
-from servolink.cli.screen.output import Table, print_error, print_json, print_result, print_table, print_text
-from servolink.errors import ServolinkError
-from servolink.escaping import quote
-from servolink.script import FAILED, OK
-
-if TYPE_CHECKING:
-    from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
-
+from servolink.cli.command_session import Interruption, agreed, interruptible, refuse_unasked
+from servolink.cli.screen.output import Table
+from servolink.cli.screen.result import CommandResult, Ending, Part, Remark, Returned
+from servolink.errors import InvalidAddress, ProfileError, ServolinkError, quote
+from servolink.support import ExitCode
 
 _SECONDS = ("turnaround", "clear_seconds", "interval_unit")
+
+
+class KnownBoard(Struct, frozen=True):
+    """Board with a name or a profile; `problem` says what is wrong with a damaged profile."""
+
+    name: str
+    url: str | None
+    known_settings: int | None
+    limits: int | None
+    problem: str
+
+
+class KnownBoards(CommandResult, frozen=True):
+    """JSON of `board` and `board list`."""
+
+    boards: list[KnownBoard]
+
+
+class KnownSetting(Struct, frozen=True):
+    """Value of a setting and its evidence; null for an unknown value."""
+
+    value: Any
+    confidence: str | None = None
+    text: str | None = None
+    learnt_at: datetime | None = None
+
+
+class BoardKnown(CommandResult, frozen=True):
+    """JSON of `board show` and `board set`; `path` is the file of the profile."""
+
+    name: str
+    url: str | None
+    path: str | None
+    identity: BoardIdentityRecord | None
+    settings: dict[str, KnownSetting]
+    limits: SafetyLimits
+
+
+class BoardForgotten(CommandResult, frozen=True):
+    """JSON of `board forget`: the name whose profile was removed."""
+
+    forgotten: str
 
 
 # --- list -------------------------------------------------------------------------------------------------------------
@@ -31,33 +74,23 @@ _SECONDS = ("turnaround", "clear_seconds", "interval_unit")
     examples=("board", "board show rex"),
     takes_board=False,
 )
-def run_list(args: argparse.Namespace) -> int:
-    """Print every board that has a name or a profile."""
-    from servolink.discovery.names import load_aliases
-    from servolink.errors import ProfileError
-    from servolink.profiles.listing import profile_names
-    from servolink.profiles.store import load_profile
-
-    aliases = load_aliases()
-    described: list[dict[str, Any]] = []
-    for name in sorted({*aliases, *profile_names()}):
+def run_list(_: argparse.Namespace) -> Returned:
+    """Return every board that has a name or a profile."""
+    aliases = Aliases.load()
+    known: list[KnownBoard] = []
+    for name in sorted({*aliases, *ProfileFile.names()}):
         profile, problem = None, ""
         try:
-            profile = load_profile(name)
+            profile = ProfileFile(name).load()
         except ProfileError as error:
             problem = str(error)
         url = aliases[name].url if name in aliases else None
-        described.append({"name": name, "url": url, **_counts(profile), "problem": problem})
-    if args.json:
-        print_json({"boards": described})
-    elif described:
-        print_table(Table(("name", "address", "known settings", "limits"), [_row(one) for one in described]))
-        for one in described:
-            if one["problem"]:
-                print_error(f"servolink: {one['problem']}")
-    else:
-        print_text("no board has a name; `servolink use NAME BOARD` gives one")
-    return OK
+        known.append(KnownBoard(name, url, *_counts(profile), problem))
+    if not known:
+        return Returned(KnownBoards(known), "no board has a name; `servolink use NAME BOARD` gives one")
+    rows = [(one.name, one.url, "damaged" if one.problem else one.known_settings, one.limits) for one in known]
+    table = Table(("name", "address", "known settings", "limits"), rows)
+    return Returned(KnownBoards(known), [table, *(Remark(one.problem) for one in known if one.problem)])
 
 
 BOARD_LIST = run_list.changed(
@@ -68,16 +101,12 @@ BOARD_LIST = run_list.changed(
 )
 
 
-def _counts(profile: BoardProfile | None) -> dict[str, int | None]:
+def _counts(profile: BoardProfile | None) -> tuple[int | None, int | None]:
+    """Return the number of known settings and of limits."""
     if profile is None:
-        return {"known_settings": None, "limits": None}
-    settings = [value for value in _values(profile.settings).values() if value is not None]
-    return {"known_settings": len(settings), "limits": sum(1 for _ in limit_rows(profile.limits))}
-
-
-def _row(described: dict[str, Any]) -> tuple[object, ...]:
-    damaged = "damaged" if described["problem"] else None
-    return described["name"], described["url"], damaged or described["known_settings"], described["limits"]
+        return None, None
+    settings = [value for value in asdict(profile.settings).values() if value is not None]
+    return len(settings), sum(1 for _ in limit_rows(profile.limits))
 
 
 # --- show -------------------------------------------------------------------------------------------------------------
@@ -86,35 +115,21 @@ def _row(described: dict[str, Any]) -> tuple[object, ...]:
 NAME = (option("name", "NAME", "as given with `servolink use`"),)
 
 
-def print_board(args: argparse.Namespace) -> int:
-    """Print everything that is known of a board."""
-    from msgspec import to_builtins
-
-    from servolink.profiles.profile import BoardProfile
-    from servolink.profiles.store import load_profile, profile_path
-
+def board_known(args: argparse.Namespace) -> Returned:
+    """Return everything that is known of a board."""
     name, url = known_name(args)
-    profile = load_profile(name)
-    path = str(profile_path(name))
-    if args.json:
-        shown = to_builtins(profile or BoardProfile())
-        evidence = shown.pop("evidence")
-        unknown = dict.fromkeys(("confidence", "text", "learnt_at"))
-        settings = {
-            key: {"value": value, **unknown, **evidence.get(key, {})} for key, value in shown["settings"].items()
-        }
-        kept = path if profile else None
-        print_json({"name": name, "url": url, "path": kept, **shown, "settings": settings})
-        return OK
-    rows = [("address", url or "none: `servolink use` gives it one"), ("file", path if profile else "none")]
-    print_table(Table((), rows + list(_identity_rows(profile or BoardProfile())), title=name))
+    profile = ProfileFile(name).load()
+    path = str(ProfileFile(name).path) if profile else None
+    known = profile or BoardProfile()
+    settings = {key: (value, known.evidence.get(key)) for key, value in asdict(known.settings).items()}
+    why = {key: KnownSetting(value, *(astuple(why) if why else ())) for key, (value, why) in settings.items()}
+    rows = [("address", url or "none: `servolink use` gives it one"), ("file", path or "none")]
+    text: list[Part] = [Table((), rows + list(_identity_rows(known)), title=name)]
     for title, part in ("settings", _setting_rows), ("limits", _limit_table):
-        print_text("")
-        print_table(Table((), list(part(profile or BoardProfile())), title=title))
-    if profile is None or None in _values(profile.settings).values():
-        print_text("")
-        print_text(f"what is unknown can be learnt: servolink doctor {name} --learn")
-    return OK
+        text += ["", Table((), list(part(known)), title=title)]
+    if None in asdict(known.settings).values():
+        text += ["", f"what is unknown can be learnt: servolink doctor {name} --learn"]
+    return Returned(BoardKnown(name, url, path, known.identity, why, known.limits), text)
 
 
 BOARD_SHOW = Command(
@@ -123,7 +138,7 @@ BOARD_SHOW = Command(
     examples=("board show rex", "board show rex --json"),
     options=(*NAME,),
     takes_board=False,
-)(print_board)
+)(board_known)
 
 
 def _identity_rows(profile: BoardProfile) -> Iterator[tuple[str, str]]:
@@ -135,7 +150,7 @@ def _identity_rows(profile: BoardProfile) -> Iterator[tuple[str, str]]:
 
 def _setting_rows(profile: BoardProfile) -> Iterator[tuple[str, str]]:
     """Yield name and text of each setting, with confidence and evidence."""
-    for name, value in _values(profile.settings).items():
+    for name, value in asdict(profile.settings).items():
         evidence = profile.evidence.get(name)
         shown = "unknown" if value is None else value_text(name, value)
         if evidence is not None:
@@ -181,27 +196,20 @@ def _limits_text(pair: tuple[float, float] | None, cap: float | None) -> str:
     options=(*NAME, flag("--yes", "do not ask")),
     takes_board=False,
 )
-def run_forget(args: argparse.Namespace) -> int:
+@interruptible("nothing was changed")
+async def run_forget(args: argparse.Namespace, interruption: Interruption) -> Ending:
     """Remove the profile, damaged or not, after asking. The name stays."""
-    from servolink.profiles.listing import profile_names
-    from servolink.profiles.store import profile_path, remove_profile
-
     name = args.name
-    if name not in profile_names():
-        known = ", ".join(profile_names()) or "none"
+    if name not in ProfileFile.names():
+        known = ", ".join(ProfileFile.names()) or "none"
         raise ServolinkError(f"nothing is known of a board {quote(name)} (profiles: {known}); nothing was changed")
-    path = profile_path(name)
+    path = ProfileFile(name).path
     question = f"this removes {path} with all limits of {name}"
     refuse_unasked(args, f"{question}; --yes does so without asking")
-
-    async def main(interruption: Interruption) -> int:
-        if not await agreed(args, interruption, f"{question}. Forget it?"):
-            return FAILED
-        await asyncio.to_thread(remove_profile, name)
-        print_result(args, {"forgotten": name}, f"what was known of {name} is forgotten; it keeps its name")
-        return OK
-
-    return run_interruptible(main, "nothing was changed")
+    if not await agreed(args, interruption, f"{question}. Forget it?"):
+        return ExitCode.FAILED
+    await asyncio.to_thread(ProfileFile(name).remove)
+    return Returned(BoardForgotten(name), f"what was known of {name} is forgotten; it keeps its name")
 
 
 # --- arguments --------------------------------------------------------------------------------------------------------
@@ -209,12 +217,8 @@ def run_forget(args: argparse.Namespace) -> int:
 
 def known_name(args: argparse.Namespace) -> tuple[str, str | None]:
     """Return name and address of the board in `args`. Raise InvalidAddress if there is no such name."""
-    from servolink.discovery.names import load_aliases
-    from servolink.errors import InvalidAddress
-    from servolink.profiles.listing import profile_names
-
-    aliases = load_aliases()
-    if args.name not in aliases and args.name not in profile_names():
+    aliases = Aliases.load()
+    if args.name not in aliases and args.name not in ProfileFile.names():
         known = ", ".join(sorted(aliases)) or "none"
         raise InvalidAddress(
             f"no board is named {quote(args.name)} (names: {known}); give it: servolink use NAME BOARD"
@@ -225,9 +229,3 @@ def known_name(args: argparse.Namespace) -> tuple[str, str | None]:
 def label(name: str) -> str:
     """Return the name of a setting as people read it."""
     return name.replace("_", " ")
-
-
-def _values(settings: BoardSettings) -> dict[str, Any]:
-    from msgspec.structs import asdict
-
-    return asdict(settings)

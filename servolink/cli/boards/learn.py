@@ -11,37 +11,61 @@ from itertools import zip_longest
 from textwrap import wrap
 from typing import Any
 
-import msgspec
+from msgspec import Struct
 
-from servolink.cli.command_session import Interruption, run_interruptible
-from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text
+from servolink.boards import BoardIdentityRecord, BoardProfile, Measured, ProfileFile, identity_of, resolve_url
+from servolink.cli.command_session import Interruption, interruptible
+from servolink.cli.screen.output import Table, is_terminal, print_error
+from servolink.cli.screen.result import CommandResult, Ending, Returned
 from servolink.cli.screen.terminal import can_ask, confirm, wait_for_enter
 from servolink.cli.usage import usage_error
-from servolink.client.captions import ALL, servo_id
-from servolink.connection.options import options_in
-from servolink.discovery.resolving import resolve_url
-from servolink.discovery.search import identity_of
-from servolink.doctor.contact import AFTER_RESET
-from servolink.doctor.learn_board import Learnt, learn_by_asking, learn_by_writing
-from servolink.doctor.learn_line import SharedTransport, TrialLine
-from servolink.doctor.learn_motion import interval_finding, plan_movement
-from servolink.doctor.learn_queries import Contact, make_contact
-from servolink.doctor.learn_trial import Trial, connected
+from servolink.client import ALL, servo_id
+from servolink.connection import options_in
+from servolink.doctor import (
+    AFTER_RESET,
+    Contact,
+    Learnt,
+    SharedTransport,
+    Trial,
+    TrialLine,
+    connected,
+    interval_finding,
+    learn_by_asking,
+    learn_by_writing,
+    make_contact,
+    plan_movement,
+)
 from servolink.errors import ConnectionLost, OpenError, RequestTimeout, ServolinkError
-from servolink.files import is_name
-from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, Measured, merge_profile
-from servolink.profiles.store import load_profile, save_profile
-from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.codec import Codec
-from servolink.script import FAILED, OK
-from servolink.transports.registry import create
+from servolink.project import BackupStore
+from servolink.protocol import Codec
+from servolink.support import ExitCode, is_name
+from servolink.transports import create
 
 _NOTHING = "nothing was changed on the board"
 _VALUE, _EVIDENCE = 13, 38  # columns on a terminal of 80
 _REOPENING = 15.0  # seconds for a port to come back after the power was switched off and on
 
 
-def run(args: argparse.Namespace) -> int:
+class LearntSetting(Struct, frozen=True):
+    """Setting that was measured; null for an unknown value."""
+
+    setting: str
+    value: Any
+    confidence: str | None
+    evidence: str
+
+
+class BoardLearnt(CommandResult, frozen=True):
+    """JSON of `doctor` with --learn; `file` is the file of the profile."""
+
+    name: str
+    file: str
+    findings: list[LearntSetting]
+    profile: BoardProfile
+
+
+@interruptible(_NOTHING)
+async def run(args: argparse.Namespace, interruption: Interruption) -> Ending:
     """Learn the board and keep what was learnt."""
     name = args.board or args.url
     if not name or not is_name(name):
@@ -56,13 +80,9 @@ def run(args: argparse.Namespace) -> int:
         usage_error(args, "--clear needs --write")
     if args.write and not args.yes and not can_ask():
         usage_error(args, "--write changes the board for a while; nobody can be asked here, so give --yes")
-    kept = load_profile(name) or BoardProfile()  # a damaged profile ends the command before any measurement
+    kept = ProfileFile(name).load() or BoardProfile()  # a damaged profile ends the command before any measurement
     store = BackupStore() if args.write else None
-
-    async def main(interruption: Interruption) -> int:
-        return await _Lesson(args, name, kept, store, interruption).run()
-
-    return run_interruptible(main, _NOTHING)
+    return await _Lesson(args, name, kept, store, interruption).run()
 
 
 class _Lesson:
@@ -82,7 +102,7 @@ class _Lesson:
         self._store = store
         self._interruption = interruption
 
-    async def run(self) -> int:
+    async def run(self) -> Ending:
         await resolve_url(
             self._name, through_hub=False
         )  # nobody needs to switch a board off and on whose name is unknown
@@ -110,7 +130,7 @@ class _Lesson:
             await asyncio.sleep(AFTER_RESET)
         raise AssertionError  # the last round returns or raises
 
-    async def _learn(self, transport: SharedTransport, contact: Contact, *, power_cycled: bool) -> int:
+    async def _learn(self, transport: SharedTransport, contact: Contact, *, power_cycled: bool) -> Ending:
         args = self._args
         servo_id = await self._servo_id(transport, contact)  # first: without the servo, everything else is in vain
         learnt = await learn_by_asking(
@@ -118,7 +138,7 @@ class _Lesson:
         )
         identity = await _identity(transport.url, learnt)
         if not await self._may_keep(identity):
-            return FAILED
+            return ExitCode.FAILED
         self._keep(learnt, identity)
         if self._store is not None and await self._may_write():
             await self._write(transport, learnt, self._store)
@@ -126,8 +146,7 @@ class _Lesson:
         if servo_id is not None:
             learnt.measured.append(await self._time_movement(transport, learnt, servo_id))
             self._keep(learnt, identity)
-        self._report(learnt)
-        return OK
+        return self._result(learnt)
 
     async def _servo_id(self, transport: SharedTransport, contact: Contact) -> int | None:
         """Return the id of the servo to move, None for none. Raise RequestTimeout if captions cannot be read."""
@@ -161,7 +180,7 @@ class _Lesson:
 
     async def _ask_for_power(self) -> bool:
         """Ask for the board to be switched off and on; return whether it was."""
-        if not can_ask() or self._args.yes or self._args.json:
+        if not can_ask() or self._args.yes:
             return False
         return await wait_for_enter(
             f"switch {self._name} off and on, and press Enter when it has started (n to skip): "
@@ -227,24 +246,20 @@ class _Lesson:
         return measured
 
     def _keep(self, learnt: Learnt, identity: BoardIdentityRecord) -> None:
-        self._profile = merge_profile(
-            self._profile, learnt.measured, identity, datetime.now(UTC).replace(microsecond=0)
-        )
-        self._path = save_profile(self._name, self._profile)
+        self._profile = self._profile.merged(learnt.measured, identity, datetime.now(UTC).replace(microsecond=0))
+        self._path = ProfileFile(self._name).save(self._profile)
 
     def _show_step(self, step: str) -> None:
-        if is_terminal() and not self._args.json:
+        if is_terminal():
             print_error(f"{step} ...")
 
-    def _report(self, learnt: Learnt) -> None:
-        if self._args.json:
-            findings = [_as_json(each) for each in learnt.measured]
-            profile = msgspec.to_builtins(self._profile)
-            print_json({"name": self._name, "file": str(self._path), "findings": findings, "profile": profile})
-            return
-        rows = [(each.setting, _value(each.value), _confidence(each), each.evidence) for each in learnt.measured]
-        print_table(Table(("setting", "value", "confidence", "evidence"), list(_fitted(rows))))
-        print_text(f"kept in {self._path}")
+    def _result(self, learnt: Learnt) -> Returned:
+        findings = [LearntSetting(one.setting, one.value, _confidence(one), one.evidence) for one in learnt.measured]
+        rows = [(one.setting, _value(one.value), one.confidence or "", one.evidence) for one in findings]
+        table = Table(("setting", "value", "confidence", "evidence"), list(_fitted(rows)))
+        return Returned(
+            BoardLearnt(self._name, str(self._path), findings, self._profile), [table, f"kept in {self._path}"]
+        )
 
 
 async def _identity(url: str, learnt: Learnt) -> BoardIdentityRecord:
@@ -268,15 +283,6 @@ def _differences(kept: BoardIdentityRecord, found: BoardIdentityRecord) -> list[
     ]
 
 
-def _as_json(measured: Measured) -> dict[str, Any]:
-    return {
-        "setting": measured.setting,
-        "value": measured.value,
-        "confidence": None if measured.value is None else measured.confidence,
-        "evidence": measured.evidence,
-    }
-
-
 def _value(value: object) -> str:
     if value is None:
         return "unknown"
@@ -287,8 +293,8 @@ def _value(value: object) -> str:
     return str(value)
 
 
-def _confidence(measured: Measured) -> str:
-    return "" if measured.value is None else measured.confidence
+def _confidence(measured: Measured) -> str | None:
+    return None if measured.value is None else measured.confidence
 
 
 def _fitted(rows: Iterable[tuple[str, str, str, str]]) -> Iterator[tuple[str, str, str, str]]:

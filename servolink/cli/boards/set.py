@@ -9,22 +9,27 @@ import argparse
 import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from msgspec.structs import replace
+
+from servolink.boards import (
+    BoardProfile,
+    BoardSettings,
+    Evidence,
+    ProfileFile,
+    SafetyLimits,
+    setting_from_text,
+)
 from servolink.cli.arguments import SERVO_NAME, SPEED, number
-from servolink.cli.boards.known import NAME, known_name, label, limit_rows, print_board, value_text
+from servolink.cli.boards.known import NAME, board_known, known_name, label, limit_rows, value_text
 from servolink.cli.command import Command, Option, group, option
-from servolink.cli.command_session import Interruption, run_interruptible
-from servolink.cli.screen.output import Table, print_error, print_table, print_text
+from servolink.cli.command_session import Interruption, interruptible
+from servolink.cli.screen.output import Table, print_error
+from servolink.cli.screen.result import Part, Returned
 from servolink.cli.usage import usage_error
-from servolink.errors import InvalidAddress, RequestTimeout, TransportError
-from servolink.escaping import quote
-from servolink.profiles.profile import BoardSettings, FieldHelp, fields_of
-from servolink.profiles.store import in_shell, setting_from_text
-from servolink.script import OK
-
-if TYPE_CHECKING:
-    from servolink.profiles.profile import BoardProfile, SafetyLimits
+from servolink.client import IdentityGuard, connect, servo_ids
+from servolink.errors import InvalidAddress, RequestTimeout, TransportError, quote
 
 _PAIR = re.compile(r"(-?[0-9.]+)\.\.(-?[0-9.]+)", re.ASCII)
 _UNSET = "unset"
@@ -54,15 +59,13 @@ def _speed(text: str) -> tuple[int | str, float | None]:
 
 def _unsettable(text: str) -> str:
     """Return the name of a setting to unset, for argparse."""
-    from servolink.profiles.profile import BoardSettings
-
     name = text.replace("-", "_")
     if name not in (*BoardSettings.__struct_fields__, "soft_start"):
         raise argparse.ArgumentTypeError(f"{quote(text)} is not a setting; `servolink board show` lists them")
     return name
 
 
-def _setting(name: str, about: FieldHelp) -> Option:
+def _setting(name: str, help_text: str) -> Option:
     """Return the option of a setting."""
 
     def read(text: str) -> Any:
@@ -72,7 +75,6 @@ def _setting(name: str, about: FieldHelp) -> Option:
             raise argparse.ArgumentTypeError(str(error)) from None
 
     metavar = "NAME,..." if name == "unsupported" else "VALUE"
-    help_text = in_shell(f"{about.meaning} ({about.expected})")
     return option(f"--{name.replace('_', '-')}", metavar, help_text, read)
 
 
@@ -109,16 +111,15 @@ def _setting(name: str, about: FieldHelp) -> Option:
         ),
         group(
             "settings (and --byte-order, --caption-encoding)",
-            *(_setting(name, about) for name, (_, about) in fields_of(BoardSettings).items() if name not in _COMMON),
+            *(_setting(name, text) for name, text in BoardSettings.help_in_shell().items() if name not in _COMMON),
             option("--unset", "NAME", "forget a setting, or soft-start", _unsettable, action="append", default=[]),
         ),
     ),
     takes_board=False,
 )
-def run(args: argparse.Namespace) -> int:
+@interruptible("nothing was set")
+async def run(args: argparse.Namespace, interruption: Interruption) -> Returned:
     """Change and save the profile. Settings of a user have full confidence."""
-    from servolink.profiles.profile import BoardSettings
-
     name, url = known_name(args)
     given = {key: getattr(args, key) for key in BoardSettings.__struct_fields__ if getattr(args, key) is not None}
     unset = dict.fromkeys(key for key in args.unset if key != "soft_start")
@@ -126,11 +127,7 @@ def run(args: argparse.Namespace) -> int:
         usage_error(args, "give at least one limit or setting")
     if twice := sorted(given.keys() & unset.keys()):
         usage_error(args, f"--{twice[0].replace('_', '-')} is set and unset")
-
-    async def main(interruption: Interruption) -> int:
-        return _set(args, name, given, unset, await _ids(args, name, url))
-
-    return run_interruptible(main, "nothing was set")
+    return _set(args, name, given, unset, await _ids(args, name, url))
 
 
 async def _ids(args: argparse.Namespace, name: str, url: str | None) -> dict[int | str, int]:
@@ -143,10 +140,6 @@ async def _ids(args: argparse.Namespace, name: str, url: str | None) -> dict[int
         return dict(zip(servos, servos, strict=True))
     if url is None:
         raise InvalidAddress(f"{name} has no address, so its captions are unknown; give ids in place of captions")
-
-    from servolink.client.captions import servo_ids
-    from servolink.client.connect import connect
-    from servolink.client.identity_guard import IdentityGuard
 
     try:
         async with connect(
@@ -161,36 +154,26 @@ async def _ids(args: argparse.Namespace, name: str, url: str | None) -> dict[int
 
 def _set(
     args: argparse.Namespace, name: str, given: dict[str, Any], unset: dict[str, Any], ids: Mapping[int | str, int]
-) -> int:
+) -> Returned:
     """Save the given settings and limits in the profile, without the unset settings."""
-    from msgspec.structs import replace
-
-    from servolink.profiles.profile import BY_HAND, BoardProfile, Evidence
-    from servolink.profiles.store import load_profile, save_profile
-
-    profile = load_profile(name) or BoardProfile()
+    profile = ProfileFile(name).load() or BoardProfile()
     evidence = {key: each for key, each in profile.evidence.items() if key not in unset}
     now = datetime.now(UTC).replace(microsecond=0)
-    evidence |= {key: Evidence("certain", BY_HAND, now) for key in given}
+    evidence |= {key: Evidence("certain", Evidence.BY_HAND, now) for key in given}
     changed = replace(
         profile,
         settings=replace(profile.settings, **given, **unset),
         limits=_changed_limits(args, profile.limits, ids),
         evidence=evidence,
     )
-    path = save_profile(name, changed)
+    path = ProfileFile(name).save(changed)
     if missing := _missing_servos(changed):
         print_error(f"servolink: {name} was learnt to have no servo {', '.join(map(str, missing))}")
-    if args.json:
-        return print_board(args)
-    print_text(f"{name} is set; kept in {path}")
-    for servo, servo_id in ids.items():
-        if isinstance(servo, str):
-            print_text(f"'{servo}' is servo {servo_id}; its limits are kept by this id")
+    text: list[Part] = [f"{name} is set; kept in {path}"]
+    named = {servo: servo_id for servo, servo_id in ids.items() if isinstance(servo, str)}
+    text += [f"'{servo}' is servo {servo_id}; its limits are kept by this id" for servo, servo_id in named.items()]
     rows = [*limit_rows(changed.limits), *((label(key), value_text(key, value)) for key, value in given.items())]
-    if rows:
-        print_table(Table((), rows))
-    return OK
+    return Returned(board_known(args).value, [*text, Table((), rows)] if rows else text)
 
 
 def _missing_servos(profile: BoardProfile) -> list[int]:
@@ -202,8 +185,6 @@ def _missing_servos(profile: BoardProfile) -> list[int]:
 
 def _changed_limits(args: argparse.Namespace, limits: SafetyLimits, ids: Mapping[int | str, int]) -> SafetyLimits:
     """Return the limits with all changes of the command line."""
-    from servolink.profiles.profile import SafetyLimits
-
     angles, caps, cap, soft_start = dict(limits.angles), dict(limits.speed_caps), limits.speed_cap, limits.soft_start
     angle_range = limits.angle_range
     for servo, pair in args.angle:

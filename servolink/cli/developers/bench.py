@@ -7,24 +7,41 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
+from msgspec import Struct
+
 from servolink.cli.arguments import whole_number
 from servolink.cli.command import DEVELOPERS, Command, option
 from servolink.cli.command_session import KEEP_MODE, Interruption, on_board
 from servolink.cli.screen.live import counting
-from servolink.cli.screen.output import Table, print_json, print_table, print_text
-from servolink.client.board import Board
-from servolink.protocol.editing import QueryActionListRequest
-from servolink.protocol.packet import Query
-from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest
-from servolink.protocol.settings import QueryMemorySizeRequest
-from servolink.script import OK
+from servolink.cli.screen.output import Table
+from servolink.cli.screen.result import CommandResult, Returned
+from servolink.client import Board
+from servolink.protocol import ACTION, ALL_SERVOS, Query, QueryMemorySizeRequest, QueryServoRequest
 
 _QUERIES: tuple[tuple[str, Query[Any]], ...] = (
     ("shortest response: free memory", QueryMemorySizeRequest()),
     ("state of all servos", QueryServoRequest(ALL_SERVOS)),
-    ("list of actions", QueryActionListRequest()),
+    ("list of actions", ACTION.list_request),
 )
 _PERCENTILES = (50, 90, 99)
+
+
+class QueryMeasured(Struct, frozen=True):
+    """Rates of one kind of query, and round trips in seconds by percentile; null if all responses came late."""
+
+    request: str
+    requests_per_second: float
+    bytes_per_second: int
+    round_trip_seconds: dict[str, float | None]
+
+
+class BoardMeasured(CommandResult, frozen=True):
+    """JSON of `bench`, with the counters of the connection."""
+
+    url: str
+    requests: int
+    results: list[QueryMeasured]
+    stats: dict[str, Any]
 
 
 @Command(
@@ -38,33 +55,30 @@ _PERCENTILES = (50, 90, 99)
     ),
 )
 @on_board()
-async def run(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
+async def run(args: argparse.Namespace, board: Board, interruption: Interruption) -> Returned:
     """Measure each kind of query in turn; nothing on the board is changed."""
     results = []
     for what, query in _QUERIES:
         with counting(what, args.requests) as count:
             results.append(await _measure(board, query, args.requests, count))
     stats = board.stats.as_dict()
-    if args.json:
-        print_json({"url": board.url, "requests": args.requests, "results": results, "stats": stats})
-        return OK
     rows = [
         (
             what,
-            round(result["requests_per_second"]),
-            result["bytes_per_second"],
+            round(result.requests_per_second),
+            result.bytes_per_second,
             # None if every response came late, when the query had been sent again.
-            *(seconds and round(seconds * 1000, 2) for seconds in result["round_trip_seconds"].values()),
+            *(seconds and round(seconds * 1000, 2) for seconds in result.round_trip_seconds.values()),
         )
         for (what, _), result in zip(_QUERIES, results, strict=True)
     ]
     percentiles = (f"p{percent} ms" for percent in _PERCENTILES)
-    print_table(Table(("query", "responses/s", "bytes/s", *percentiles), rows, f"{args.requests} of each kind"))
-    print_text(f"responses too late: {stats['timeouts']}, bytes outside frames: {sum(stats['skipped'].values())}")
-    return OK
+    table = Table(("query", "responses/s", "bytes/s", *percentiles), rows, f"{args.requests} of each kind")
+    late = f"responses too late: {stats['timeouts']}, bytes outside frames: {sum(stats['skipped'].values())}"
+    return Returned(BoardMeasured(board.url, args.requests, results, stats), [table, late])
 
 
-async def _measure(board: Board, query: Query[Any], requests: int, count: Callable[[], None]) -> dict[str, Any]:
+async def _measure(board: Board, query: Query[Any], requests: int, count: Callable[[], None]) -> QueryMeasured:
     """Return rates and round trips, in seconds, of repeated queries."""
     loop = asyncio.get_running_loop()
     board.stats.round_trips.clear()
@@ -73,9 +87,6 @@ async def _measure(board: Board, query: Query[Any], requests: int, count: Callab
         await board.request(query)
         count()
     seconds = max(loop.time() - start, 1e-9)
-    return {
-        "request": type(query).__name__,
-        "requests_per_second": round(requests / seconds, 1),
-        "bytes_per_second": round((board.stats.bytes_received - received) / seconds),
-        "round_trip_seconds": {f"p{percent}": board.stats.round_trip(percent) for percent in _PERCENTILES},
-    }
+    times = {f"p{percent}": board.stats.round_trip(percent) for percent in _PERCENTILES}
+    rate = round((board.stats.bytes_received - received) / seconds)
+    return QueryMeasured(type(query).__name__, round(requests / seconds, 1), rate, times)

@@ -8,17 +8,15 @@ from contextlib import contextmanager
 from io import BufferedReader
 from typing import Any
 
+from msgspec import UNSET, UnsetType
+
 from servolink.cli.arguments import not_empty
 from servolink.cli.command import DEVELOPERS, Command, one_of, option
-from servolink.cli.screen.output import counted, print_error, print_json, print_result, print_text
-from servolink.errors import DecodeError, EncodeError, ServolinkError
-from servolink.escaping import escape
-from servolink.json_text import read_json
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import Frame, encode_frame
-from servolink.protocol.json_form import packet_from_json, packet_to_json
-from servolink.protocol.parser import FrameParser
-from servolink.script import FAILED, OK
+from servolink.cli.screen.output import counted
+from servolink.cli.screen.result import CommandResult, Remark, show
+from servolink.errors import DecodeError, EncodeError, ServolinkError, escape
+from servolink.protocol import Codec, Frame, FrameParser, encode_frame, packet_from_json, packet_to_json
+from servolink.support import ExitCode, read_json
 
 _BLOCK = 0x10000  # bytes read at once, and the most in one `skipped` object
 _MAX_LINE = 1 << 22  # several times the longest packet in JSON
@@ -44,20 +42,23 @@ def run_decode(args: argparse.Namespace) -> int:
     """Print a packet for each frame. Return 1 if anything is not a packet."""
     codec = _codec(args)
     results = _stream(args.file, codec) if args.file else _frames(args, codec)
-    outcome = OK
+    outcome = ExitCode.OK
     for result in results:
         if "packet" not in result:
-            outcome = FAILED
-        if args.json:
-            print_json(result)
-        else:
-            for line in lines_for(result):
-                print_text(line)
+            outcome = ExitCode.FAILED
+        show(result, lines_for(result))
     return outcome
 
 
 def _codec(args: argparse.Namespace) -> Codec:
     return Codec(args.byte_order or "little", args.caption_encoding or "utf-8")
+
+
+class EncodedFrame(CommandResult, frozen=True, kw_only=True):
+    """JSON of each line of `encode`: a frame in hex, or why an object cannot be a packet."""
+
+    bytes: str | UnsetType = UNSET
+    error: str | UnsetType = UNSET
 
 
 @Command(
@@ -79,19 +80,17 @@ def _codec(args: argparse.Namespace) -> Codec:
 def run_encode(args: argparse.Namespace) -> int:
     """Print a frame for each object, and errors among them with --json. Return 1 if anything is not a packet."""
     codec = _codec(args)
-    outcome = OK
+    outcome = ExitCode.OK
     given = enumerate((text.encode("utf-8", "surrogateescape") for text in args.objects), 1)
     for number, line in given if args.objects else _lines("-"):
         try:
             frame = codec.encode(packet_from_json(parse_object(line))).hex()
         except EncodeError as error:
-            outcome = FAILED
-            if args.json:
-                print_json({"error": str(error)})
-            else:
-                print_error(f"servolink: {'object' if args.objects else 'line'} {number}: {error}")
+            outcome = ExitCode.FAILED
+            what = "object" if args.objects else "line"
+            show(EncodedFrame(error=str(error)), Remark(f"{what} {number}: {error}"))
         else:
-            print_result(args, {"bytes": frame}, frame)
+            show(EncodedFrame(bytes=frame), frame)
     return outcome
 
 
@@ -145,7 +144,7 @@ def _frames(args: argparse.Namespace, codec: Codec) -> Iterator[dict[str, Any]]:
 
 def _hex_lines(path: str) -> Iterator[str]:
     for _, line in _lines(path):
-        yield _without_separators(line.decode("utf-8", "surrogateescape"))
+        yield _without_separators(line.decode("utf-8-sig", "surrogateescape"))
 
 
 def _hex_arguments(arguments: list[str]) -> list[str]:

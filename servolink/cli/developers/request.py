@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from servolink.cli.boards.board_settings import refuse_marker
 from servolink.cli.command import DEVELOPERS, Command, flag, option
@@ -12,20 +12,25 @@ from servolink.cli.command_session import UNTOUCHED, Interruption, agreed, refus
 from servolink.cli.developers.packets import lines_for, parse_object
 from servolink.cli.motion.move import LIMITS, limits_of
 from servolink.cli.screen.live import shown_progress
-from servolink.cli.screen.output import print_error, print_json, print_text
+from servolink.cli.screen.output import print_error
+from servolink.cli.screen.result import Ending, Returned
+from servolink.client import Board
 from servolink.errors import EncodeError
-from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.editing import AddServoParameterRequest, WriteProjectIDRequest
-from servolink.protocol.json_form import packet_from_json, packet_to_json
-from servolink.protocol.packet import Command as PacketCommand
-from servolink.protocol.packet import Packet, Request, Result
-from servolink.protocol.record_types import RECORD_TYPES
-from servolink.protocol.servos import SetServoParameterRequest
-from servolink.protocol.settings import ClearAllDataRequest
-from servolink.script import FAILED, OK
-
-if TYPE_CHECKING:
-    from servolink.client.board import Board
+from servolink.project import BackupStore
+from servolink.protocol import (
+    RECORD_TYPES,
+    AddServoParameterRequest,
+    ClearAllDataRequest,
+    Packet,
+    Request,
+    Result,
+    SetServoParameterRequest,
+    WriteProjectIDRequest,
+    packet_from_json,
+    packet_to_json,
+)
+from servolink.protocol import Command as PacketCommand
+from servolink.support import ExitCode
 
 _DELETES: tuple[type[Packet], ...] = (ClearAllDataRequest, *(kind.delete_class for kind in RECORD_TYPES))
 _OVERWRITES: tuple[type[Packet], ...] = (
@@ -64,25 +69,24 @@ def run(args: argparse.Namespace) -> int:
     if question:
         refuse_unasked(args, f"{question}; --yes does so without asking")
 
-    async def talk(board: Board, interruption: Interruption) -> int:
+    async def talk(board: Board, interruption: Interruption) -> Ending:
         if isinstance(packet, WriteProjectIDRequest):
             await refuse_marker(board, packet.project_id)
         if question and not await agreed(args, interruption, f"{question}. Send it?"):
-            return FAILED
+            return ExitCode.FAILED
         if isinstance(packet, _OVERWRITES) and not args.no_backup:
             await _save(board, args)
         name = type(packet).__name__
         interruption.state = f"{name} may have been sent"
         if isinstance(packet, PacketCommand):
             await board.send(packet)
-            _print(args, {"sent": name}, f"{name} was sent; boards do not answer it")
-            return OK
+            return Returned({"sent": name}, f"{name} was sent; boards do not answer it")
         request: Any = packet
         response = await board.request(request)
         interruption.state = f"{name} was answered"
         described = packet_to_json(response)
-        _print(args, described, *lines_for(described))
-        return FAILED if isinstance(response, Result) and not response.result else OK
+        is_refused = isinstance(response, Result) and not response.result
+        return Returned(described, lines_for(described), ExitCode.FAILED if is_refused else ExitCode.OK)
 
     return run_with_board(args, talk, state=UNTOUCHED, **limits)
 
@@ -115,16 +119,8 @@ def _question(packet: Packet) -> str:
 
 async def _save(board: Board, args: argparse.Namespace) -> None:
     """Save what is on the board in a backup, and say where."""
-    with shown_progress(board, quiet=args.json) as on_progress:
+    with shown_progress(board) as on_progress:
         project = await board.export_project(on_progress=on_progress)
     path = await asyncio.to_thread(BackupStore().keep, project, board.url, board.codec.caption_encoding)
     number = int(path.name.partition("-")[0])
     print_error(f"servolink: the content before is saved in {path}; `servolink rollback {number}` restores it")
-
-
-def _print(args: argparse.Namespace, described: dict[str, Any], *lines: str) -> None:
-    if args.json:
-        print_json(described)
-    else:
-        for line in lines:
-            print_text(line)

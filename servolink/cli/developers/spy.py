@@ -9,39 +9,34 @@ import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from servolink.boards import resolve_url
 from servolink.cli.arguments import listening, new_file, not_empty, whole_number
 from servolink.cli.command import DEVELOPERS, Command, flag, one_of, option
 from servolink.cli.developers.packets import lines_for
-from servolink.cli.screen.output import (
-    Table,
-    cut,
-    is_terminal,
-    print_error,
-    print_json,
-    print_result,
-    print_table,
-    print_text,
-    text_width,
-)
+from servolink.cli.recordings.record_view import RecordingEnded, summary
+from servolink.cli.screen.output import Table, cut, is_terminal, print_error, text_width
+from servolink.cli.screen.result import CommandResult, Part, Remark, show, show_served
 from servolink.cli.screen.terminal import end_process
 from servolink.cli.usage import usage_error
-from servolink.errors import ConnectionLost
-from servolink.escaping import escape
-from servolink.platforms.signals import handled
-from servolink.protocol.json_form import packet_to_json
-from servolink.script import OK
-
-if TYPE_CHECKING:
-    from servolink.recorder.channels import Direction
-    from servolink.spy.learning import Learner, Passed
-    from servolink.spy.relay import Relay
-    from servolink.spy.watching import SpyRecording
-    from servolink.transports.stream import StreamTransport
+from servolink.doctor import Learner, Passed, Relay, Watcher, verdict
+from servolink.errors import ConnectionLost, escape
+from servolink.protocol import packet_to_json
+from servolink.recorder import Direction, LateRecording
+from servolink.support import ExitCode, Signals
+from servolink.transports import NetworkPlace, SerialTransport, StreamTransport, create
 
 _PATIENCE = 2.0  # seconds, at the end, to decode the backlog
 _SWITCH = 0.0002  # seconds for which the watching thread may delay the relay
+
+
+class SpyReport(CommandResult, frozen=True):
+    """JSON of the last line of `spy`: facts by name, number of bytes passed on unread, and recording."""
+
+    learnt: dict[str, Any]
+    overlooked: int
+    recording: RecordingEnded | None
 
 
 @Command(
@@ -86,14 +81,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _spy(args: argparse.Namespace) -> int:
-    from servolink.spy.learning import Learner
-    from servolink.spy.relay import Relay
-    from servolink.spy.watching import SpyRecording, Watcher
-
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
     board = await _board(args)
     encoding = args.caption_encoding or "utf-8"
-    recording = SpyRecording(args.record, board.url, encoding, loop.time) if args.record else None
+    recording = LateRecording(args.record, board.url, encoding, loop.time) if args.record else None
     learner = Learner(encoding)
     watcher = Watcher(learner, _shown(args, learner, recording))
 
@@ -107,33 +98,31 @@ async def _spy(args: argparse.Namespace) -> int:
 
     relay = Relay(board, tap, told)
     is_open, error = False, None
-    with handled(stop.set, again=lambda: end_process(OK)):
+    with Signals.ENDING.handled(stop.set, again=lambda: end_process(ExitCode.OK)):
         try:
             async with AsyncExitStack() as stack:
                 stack.push_async_callback(relay.close)
                 await relay.open()
                 is_open = True
                 url = await stack.enter_async_context(_program_side(args, relay, board))
-                _print_place(args, url)
+                show_served(listening=url)
+                if url.startswith("tcp://"):
+                    reached_by = NetworkPlace.parse(url.removeprefix("tcp://")).reached_by
+                    print_error(f"servolink: {url} is open to {reached_by}")
                 error = await _until(stop, relay)
         finally:
             await asyncio.to_thread(watcher.end, _PATIENCE)
             if is_open:
-                await _report(args, learner, recording, overlooked=watcher.overlooked)
+                await _report(learner, recording, overlooked=watcher.overlooked)
     if watcher.failure is not None:
         raise watcher.failure
     if error is not None:
         raise error
-    return OK
+    return ExitCode.OK
 
 
 async def _board(args: argparse.Namespace) -> StreamTransport:
     """Return the transport to the board, not opened yet."""
-    from servolink.discovery.resolving import resolve_url
-    from servolink.transports.registry import create
-    from servolink.transports.serial import SerialTransport
-    from servolink.transports.stream import StreamTransport
-
     board = create(await resolve_url(args.port, through_hub=False))
     if not isinstance(board, StreamTransport):
         usage_error(args, f"argument PORT: {board.url} is neither a serial port nor tcp://HOST:PORT")
@@ -147,15 +136,12 @@ async def _board(args: argparse.Namespace) -> StreamTransport:
 @asynccontextmanager
 async def _program_side(args: argparse.Namespace, relay: Relay, board: StreamTransport) -> AsyncIterator[str]:
     """Make the place where the program connects; yield its URL."""
-    from servolink.listeners.tcp import host_and_port
-    from servolink.spy.relay import on_network, on_terminal
-
     if args.tcp:
-        async with on_network(relay, *host_and_port(args.tcp)) as url:
+        async with relay.on_network(*NetworkPlace.parse(args.tcp)) as url:
             yield url
     else:
         follow = partial(_follow, args, board)
-        with on_terminal(relay, args.pty or None, board.baudrate or 115_200, follow) as url:
+        with relay.on_terminal(args.pty or None, board.baudrate or 115_200, follow) as url:
             yield url
 
 
@@ -169,17 +155,17 @@ def _follow(args: argparse.Namespace, board: StreamTransport, baudrate: int) -> 
         print_error(f"servolink: the program has set {baudrate} baud, which the board's port cannot have")
 
 
-def _shown(args: argparse.Namespace, learner: Learner, recording: SpyRecording | None) -> Callable[[Passed], None]:
+def _shown(args: argparse.Namespace, learner: Learner, recording: LateRecording | None) -> Callable[[Passed], None]:
     """Return the handler of each packet, for the observing thread."""
-    lines = PacketPrinter(as_json=args.json)
+    lines = PacketPrinter()
 
-    def show(passed: Passed) -> None:
+    def seen(passed: Passed) -> None:
         if recording is not None and not recording.has_begun and (order := args.byte_order or learner.byte_order):
             recording.begin(order)
         if not args.quiet:
             lines.show(passed)
 
-    return show
+    return seen
 
 
 async def _until(stop: asyncio.Event, relay: Relay) -> ConnectionLost | None:
@@ -193,35 +179,20 @@ async def _until(stop: asyncio.Event, relay: Relay) -> ConnectionLost | None:
     return lost.result() if lost.done() and not lost.cancelled() else None
 
 
-async def _report(
-    args: argparse.Namespace, learner: Learner, recording: SpyRecording | None, *, overlooked: int
-) -> None:
+async def _report(learner: Learner, recording: LateRecording | None, *, overlooked: int) -> None:
     """Print the findings, and write the findings at the end of the recording."""
-    from servolink.cli.recordings.record_view import status_json, summary
-    from servolink.spy.verdict import verdict
-
     facts = verdict(learner)
     status = None
     if recording is not None and learner.size:
         status = await recording.end("; ".join(f"{fact.name}: {fact.text}" for fact in facts))
-    if args.json:
-        learnt = {fact.name: fact.value for fact in facts}
-        print_json({"learnt": learnt, "overlooked": overlooked, "recording": status and status_json(status)})
-        return
-    print_text("")
-    print_table(Table((), [(fact.name.replace("_", " "), fact.text) for fact in facts], "what was learnt"))
+    table = Table((), [(fact.name.replace("_", " "), fact.text) for fact in facts], "what was learnt")
+    text: list[Part] = ["", table]
     if overlooked:
-        print_error(f"servolink: {overlooked:,} bytes were passed on but not looked at: the output was too slow")
+        text.append(Remark(f"{overlooked:,} bytes were passed on but not looked at: the output was too slow"))
     if status is not None:
-        print_text(summary(status, is_ring=False))
-
-
-def _print_place(args: argparse.Namespace, url: str) -> None:
-    print_result(args, {"listening": url}, f"listening {url}")
-    if url.startswith("tcp://"):
-        from servolink.listeners.tcp import reached_by
-
-        print_error(f"servolink: {url} is open to {reached_by(url)}")
+        text.append(summary(status, is_ring=False))
+    learnt = {fact.name: fact.value for fact in facts}
+    show(SpyReport(learnt, overlooked, None if status is None else RecordingEnded.of(status)), text)
 
 
 _WHO = {"sent": "program", "received": "board"}
@@ -232,8 +203,7 @@ _SHOWN = 16  # bytes of anything but a packet
 class PacketPrinter:
     """Printer of relayed packets, in order."""
 
-    def __init__(self, *, as_json: bool) -> None:
-        self._as_json = as_json
+    def __init__(self) -> None:
         self._start: float | None = None
 
     def show(self, passed: Passed) -> None:
@@ -241,11 +211,10 @@ class PacketPrinter:
         if self._start is None:
             self._start = passed.seconds
         seconds = passed.seconds - self._start
-        if self._as_json:
-            print_json({"seconds": round(seconds, 6), "from": _WHO[passed.direction], **_described(passed)})
-        else:
-            line = f"{seconds:9.3f}  {_WHO[passed.direction]:7}  {_text(passed)}"
-            print_text(shortened(escape(line), shutil.get_terminal_size().columns if is_terminal() else _LONGEST))
+        who = _WHO[passed.direction]
+        line = f"{seconds:9.3f}  {who:7}  {_text(passed)}"
+        text = shortened(escape(line), shutil.get_terminal_size().columns if is_terminal() else _LONGEST)
+        show({"seconds": round(seconds, 6), "from": who, **_described(passed)}, text)
 
 
 def _described(passed: Passed) -> dict[str, Any]:

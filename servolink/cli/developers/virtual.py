@@ -8,35 +8,36 @@ import os
 import signal
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import AbstractAsyncContextManager, AbstractContextManager, AsyncExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, AsyncExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
+from servolink.boards import announced
 from servolink.cli.arguments import file_path, listening, whole_number
 from servolink.cli.command import DEVELOPERS, Command, Option, flag, group, option
 from servolink.cli.screen.live import can_draw
-from servolink.cli.screen.output import print_error, print_result
+from servolink.cli.screen.output import print_error
+from servolink.cli.screen.result import show_served
 from servolink.cli.screen.terminal import single_keys
+from servolink.cli.screen.virtual_view import shown
 from servolink.cli.usage import usage_error
-from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
-from servolink.escaping import quote
-from servolink.files import MIB, read_file, reason
-from servolink.platforms.pseudo_terminals import AVAILABLE
-from servolink.platforms.signals import not_ignored
-from servolink.protocol.codec import Codec
-from servolink.script import OK
-from servolink.transports.device_info import DeviceInfo
-from servolink.transports.line_faults import Faults
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.board_script import HELP, Event, Keys, Push, apply, parse_script
-from servolink.virtual.hardware import MAX_SERVOS
-from servolink.virtual.kind import BoardKind, KindOption, kind_options
-from servolink.virtual.odd.board import OddBoard
-from servolink.virtual.odd.kinds import KINDS
-from servolink.virtual.serve import serve
-from servolink.virtual.state_file import StateFile
-from servolink.virtual.transport import StateSaver
+from servolink.protocol import Codec
+from servolink.support import MIB, ExitCode, PseudoTerminal, Signals, read_text, reason
+from servolink.transports import DeviceInfo, Faults
+from servolink.twin import read_board
+from servolink.virtual import (
+    BoardKind,
+    Event,
+    Keys,
+    KindOption,
+    Push,
+    StateFile,
+    StateSaver,
+    VirtualBoard,
+    parse_script,
+    serve,
+)
 
 
 def _kind(kind: KindOption) -> Option:
@@ -53,13 +54,6 @@ def _kind(kind: KindOption) -> Option:
         return flag(name, kind.meaning)
     help_text = f"{kind.meaning} ({kind.default_text})"
     return option(name, kind.unit, help_text, read, default=kind.default)
-
-
-def _odd(text: str) -> OddBoard:
-    """Return a new odd board of a kind."""
-    if text not in KINDS:
-        raise argparse.ArgumentTypeError(f"must be one of {', '.join(KINDS)}, not {quote(text)}")
-    return KINDS[text]()
 
 
 def _faults(text: str) -> Faults:
@@ -82,7 +76,7 @@ def _state(text: str) -> Path:
 
 def _script(text: str) -> list[Event]:
     try:
-        return parse_script(read_file(Path(text), MIB).decode())
+        return parse_script(read_text(Path(text), MIB))
     except (OSError, ValueError) as error:
         raise argparse.ArgumentTypeError(f"{text}: {reason(error)}") from None
 
@@ -90,14 +84,15 @@ def _script(text: str) -> list[Event]:
 @Command(
     "virtual",
     DEVELOPERS,
-    help="serve a virtual board over a pseudo-terminal, TCP or USB/IP",
+    help="serve a virtual board over a pseudo-terminal or TCP",
     details="Ctrl-C is its normal end, with exit code 0.",
     examples=("virtual", "virtual --tcp 127.0.0.1:7878 --servos 4", "virtual --state arm.state --faults drop=0.01"),
     options=(
-        flag("--pty", "serve a pseudo-terminal (the default without --tcp and --usbip)"),
+        flag("--pty", "serve a pseudo-terminal (the default without --tcp)"),
         option("--tcp", "HOST:PORT", "serve TCP; port 0 takes a free one", listening),
-        option("--usbip", "HOST:PORT", "export a USB device over USB/IP; its usual port is 3240", listening),
-        option("--servos", "N", "number of servos (16, or those of the body)", whole_number(0, MAX_SERVOS)),
+        option(
+            "--servos", "N", "number of servos (16, or those of the body)", whole_number(0, VirtualBoard.MAX_SERVOS)
+        ),
         option(
             "--seed",
             "N",
@@ -105,19 +100,16 @@ def _script(text: str) -> list[Event]:
             whole_number(-(2**63), 2**63 - 1),
             default=0,
         ),
-        option("--faults", "NAME=VALUE,...", "a bad line, but for --usbip: drop=0.01,delay=0.1 and more", _faults),
+        option("--faults", "NAME=VALUE,...", "a bad line: drop=0.01,delay=0.1 and more", _faults),
         option("--state", "FILE", "load what is stored from it, and save every change to it", _state),
         option("--twin", "FILE", "give the board the body of a project: servos sag, lag, stall and fall", file_path),
-        option("--odd", "KIND", "an odd board, such as `late` or `big`, with servos and records of its own", _odd),
         option("--script", "FILE", "what people do to the board, such as: 1.5 press 3", _script, default=[]),
-        group("kind of board", *map(_kind, kind_options())),
+        group("kind of board", *map(_kind, BoardKind.options())),
     ),
     takes_board=False,
 )
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
-    if args.odd is not None:
-        return _run_odd(args)
     board = _board(args)
     pushed = {event.servo_id for event in args.script if isinstance(event, Push)}
     if unknown := sorted(pushed - board.servos.keys()):
@@ -129,70 +121,40 @@ def run(args: argparse.Namespace) -> int:
             if file is not None:
                 file.save()
     print_error(f"ended: what the board stores is {f'kept in {args.state}' if args.state else 'gone'}")
-    return OK
+    return ExitCode.OK
 
 
 def _board(args: argparse.Namespace) -> VirtualBoard:
     """Return the board. Raise ProjectError or TwinError for a body that is impossible here."""
     codec = Codec(args.byte_order or "little", args.caption_encoding or "utf-8")
-    kind = BoardKind(**{kind.name: getattr(args, kind.name) for kind in kind_options()})
+    kind = BoardKind(**{kind.name: getattr(args, kind.name) for kind in BoardKind.options()})
     if args.twin is None:
         return VirtualBoard(16 if args.servos is None else args.servos, args.seed, codec, kind)
-    from servolink.twin.board import read_board
 
     return read_board(args.twin, servos=args.servos, seed=args.seed, codec=codec, kind=kind)
 
 
-def _run_odd(args: argparse.Namespace) -> int:
-    """Serve an odd board. Its kind decides what the options for other boards would decide."""
-    others = {
-        "servos": None,
-        "twin": None,
-        "state": None,
-        "script": [],
-        **{kind.name: kind.default for kind in kind_options()},
-    }
-    if given := [name for name, default in others.items() if getattr(args, name) != default]:
-        usage_error(args, f"--odd and --{given[0].replace('_', '-')} exclude each other")
-    asyncio.run(_serve(args.odd, args, None))
-    print_error("ended: what the board stores is gone")
-    return OK
-
-
-async def _serve(board: VirtualBoard | OddBoard, args: argparse.Namespace, file: StateFile | None) -> None:
+async def _serve(board: VirtualBoard, args: argparse.Namespace, file: StateFile | None) -> None:
     stop = _stop_on_signals()
-    is_chosen = args.pty or args.tcp or args.usbip
-    pty = args.pty or (AVAILABLE and not is_chosen)
-    tcp = args.tcp or (None if pty or is_chosen else "127.0.0.1:0")
-    serving = serve(board, pty=pty, tcp=tcp, usbip=args.usbip, faults=args.faults, seed=args.seed)
+    pty = args.pty or (PseudoTerminal.AVAILABLE and not args.tcp)
+    tcp = args.tcp or (None if pty else "127.0.0.1:0")
+    serving = serve(board, pty=pty, tcp=tcp, faults=args.faults, seed=args.seed)
     async with serving as urls, AsyncExitStack() as stack:
         stack.enter_context(_announced(urls, board))
-        if isinstance(board, VirtualBoard):
-            if file is not None:
-                StateSaver(board, file)  # until the loop ends
-            stack.enter_context(_playing(board, args.script))
-            stack.enter_context(_keyboard(board))
+        if file is not None:
+            StateSaver(board, file)  # until the loop ends
+        stack.enter_context(_playing(board, args.script))
+        stack.enter_context(_keyboard(board))
         for url in urls:
-            print_result(args, {"listening": url}, f"listening {url}")
-        if isinstance(board, VirtualBoard) and not args.json and can_draw():
-            await stack.enter_async_context(_shown(board, urls))
+            show_served(listening=url)
+        if can_draw():
+            await stack.enter_async_context(shown(board, urls))
         await stop.wait()
 
 
-def _shown(board: VirtualBoard, urls: list[str]) -> AbstractAsyncContextManager[None]:
-    from servolink.cli.screen.virtual_view import shown
-
-    return shown(board, urls)
-
-
-def _announced(urls: list[str], board: VirtualBoard | OddBoard) -> AbstractContextManager[None]:
+def _announced(urls: list[str], board: VirtualBoard) -> AbstractContextManager[None]:
     """Announce the board to `servolink list`: once, at the address for several hosts where available."""
-    reachable = [url for scheme in ("tcp://", "serial://") for url in urls if url.startswith(scheme)]
-    if not reachable:
-        return nullcontext()
-    if isinstance(board, OddBoard):
-        return announced(DeviceInfo(reachable[0], f"odd board, {board.name}"))
-    url = reachable[0] if board.codec.byte_order == "little" else f"{reachable[0]}?byte_order={board.codec.byte_order}"
+    url = urls[-1] if board.codec.byte_order == "little" else f"{urls[-1]}?byte_order={board.codec.byte_order}"
     return announced(DeviceInfo(url, f"virtual board with {len(board.servos)} servos"))
 
 
@@ -207,7 +169,7 @@ def _stop_on_signals() -> asyncio.Event:
         if not loop.is_closed():
             loop.call_soon_threadsafe(stop.set)
 
-    for number in not_ignored():
+    for number in Signals.ENDING.not_ignored():
         signal.signal(number, end)
     return stop
 
@@ -216,8 +178,7 @@ def _stop_on_signals() -> asyncio.Event:
 def _playing(board: VirtualBoard, events: Iterable[Event]) -> Iterator[None]:
     """Play the events of a script, with times from now on."""
     loop = asyncio.get_running_loop()
-    start = loop.time()
-    timers = [loop.call_at(start + event.at, _apply, board, event) for event in events]
+    timers = [loop.call_later(event.at, _apply, board, event) for event in events]
     try:
         yield
     finally:
@@ -229,7 +190,7 @@ def _apply(board: VirtualBoard, event: Event) -> None:
     """Apply a scripted event to the board, and print a push without effect."""
     if isinstance(event, Push) and board.servos[event.servo_id].is_hold:
         print(f"servolink: servo {event.servo_id} is held and is not pushed at {event.at:g} s", file=sys.stderr)
-    apply(board, event, asyncio.get_running_loop().time())
+    event.apply(board, asyncio.get_running_loop().time())
 
 
 @contextmanager
@@ -243,5 +204,5 @@ def _keyboard(board: VirtualBoard) -> Iterator[None]:
 
     with single_keys(typed) as there:
         if there:
-            print(HELP, file=sys.stderr, flush=True)
+            print(Keys.HELP, file=sys.stderr, flush=True)
         yield

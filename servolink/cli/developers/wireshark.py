@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import argparse
 
+from msgspec import UNSET, UnsetType
+
 from servolink.cli.command import DEVELOPERS, Command, flag
-from servolink.cli.screen.output import print_error, print_json, print_text
+from servolink.cli.screen.result import CommandResult, Remark, Returned, Verbatim
 from servolink.cli.usage import usage_error
-from servolink.script import OK
+from servolink.doctor import dissector, install
+
+
+class Dissector(CommandResult, frozen=True, kw_only=True):
+    """JSON of `wireshark`: the text of the dissector, or with --install its file."""
+
+    dissector: str | UnsetType = UNSET
+    installed: str | UnsetType = UNSET
 
 
 @Command(
@@ -21,24 +30,14 @@ from servolink.script import OK
     options=(flag("--install", "write it into the folder of personal plugins instead"),),
     takes_board=False,
 )
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Returned:
     """Print or install the dissector."""
-    from servolink.wireshark.dissector import dissector, install
-
     try:
         text = dissector(args.byte_order, args.caption_encoding or "utf-8")
     except ValueError as error:
         usage_error(args, f"argument --caption-encoding: {error}")
     if not args.install:
-        if args.json:
-            print_json({"dissector": text})
-        else:
-            print(text, end="", flush=True)
-        return OK
-    path = install(text)
-    if args.json:
-        print_json({"installed": str(path)})
-    else:
-        print_text(f"installed {path}")
-        print_error("servolink: restart Wireshark, or press Ctrl+Shift+L in it")
-    return OK
+        return Returned(Dissector(dissector=text), Verbatim(text))
+    path = str(install(text))
+    hint = Remark("restart Wireshark, or press Ctrl+Shift+L in it")
+    return Returned(Dissector(installed=path), [f"installed {path}", hint])

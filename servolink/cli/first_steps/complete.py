@@ -12,19 +12,20 @@ import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from servolink.boards import Aliases
 from servolink.cli.command import Command, option
 from servolink.cli.index import below, index
 from servolink.cli.usage import VARIABLES
 from servolink.errors import ServolinkError
-from servolink.script import FAILED, OK
-
-if TYPE_CHECKING:
-    from servolink.transports.device_info import DeviceInfo
+from servolink.project import BackupStore, load_project
+from servolink.protocol import ACTION, MACRO, SERVO_PARAMETER, TABLE, StoredType
+from servolink.support import ExitCode
+from servolink.transports import DeviceInfo
 
 _FILES = {"FILE", "OTHER", "OUT", "FOLDER", "LINK", "BACKUP"}  # metavars
-_PORTS = ("transports.serial_ports", "discovery.announcements", "discovery.hubs")
+_KINDS = (("transports", "serial_devices"), ("boards", "announced_boards"), ("boards", "running_hubs"))
 """Modules that find boards without opening ports; modules for HID and USB take too long to import."""
 _PLAIN = re.compile(r"[^\w@%+=:,./-]")
 
@@ -46,15 +47,15 @@ def run(args: argparse.Namespace) -> int:
         try:
             words = _words(" ".join(words))
         except ValueError:  # a quotation is open
-            return OK
+            return ExitCode.OK
     found = _TypedLine(words or [""]).possible()
     if found is None:
-        return FAILED
+        return ExitCode.FAILED
     last = words[-1] if words else ""
     for word in dict.fromkeys(found):
         if word.startswith(last) and word.isprintable():
             print(_in_bash(word, last) if args.shell == "bash" else word)
-    return OK
+    return ExitCode.OK
 
 
 def _words(line: str) -> list[str]:
@@ -134,10 +135,6 @@ class _TypedLine:
 
     def _captions(self, noun: str) -> Iterator[str]:
         """Yield the captions in the latest backup of the board."""
-        from servolink.project.project_file import load_project
-        from servolink.project.transfer.backups import BackupStore
-        from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, TABLE, StoredType
-
         kinds: dict[str, StoredType[Any]] = {"action": ACTION, "macro": MACRO, "table": TABLE, "servo": SERVO_PARAMETER}
         if noun not in kinds:
             return
@@ -149,26 +146,22 @@ class _TypedLine:
 
 def _boards() -> Iterator[str]:
     """Yield names and addresses of boards."""
-    from servolink.discovery.names import load_aliases
-
     with suppress(ServolinkError):
-        yield from load_aliases()
+        yield from Aliases.load()
     yield from (device.url for device in _devices())
 
 
 def _devices() -> Iterator[DeviceInfo]:
-    for module in _PORTS:
+    for room, search in _KINDS:
         with suppress(Exception):  # missing or broken library, with any exception
-            yield from import_module(f"servolink.{module}").candidates()
+            yield from getattr(import_module(f"servolink.{room}"), search)()
 
 
 def _addresses(board: str) -> Iterator[str]:
     """Yield the address of the named or only board, and the address shared by the hub of the board."""
-    from servolink.discovery.names import load_aliases
-
     devices = [*_devices()]
     if not board and len(devices) == 1:
         board = devices[0].url
-    aliases = load_aliases()
+    aliases = Aliases.load()
     address = aliases[board].url if board in aliases else board
     yield from filter(None, (address, *(device.shares for device in devices if device.url == address)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from servolink.cli.command import DEVELOPERS, Command, option
-from servolink.script import OK
+from servolink.support import ExitCode
 
 # Each script asks `servolink complete`, whose exit code 1 means that the name of a file is wanted.
 _BASH = r"""
@@ -72,4 +72,4 @@ _SCRIPTS = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}
 def run(args: argparse.Namespace) -> int:
     """Print the script."""
     print(_SCRIPTS[args.shell].lstrip("\n"), end="", flush=True)
-    return OK
+    return ExitCode.OK

@@ -10,260 +10,228 @@ import shutil
 import socket
 import sys
 import tempfile
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import AsyncExitStack
 from functools import partial
 from pathlib import Path
+from typing import Any, TypeAlias
 
 from servolink.cli.command import FIRST_STEPS, Command, flag
-from servolink.cli.command_session import Interruption, run_interruptible
-from servolink.cli.first_steps.demo_stage import FaultyLine, Scene, Stage, StageResult
+from servolink.cli.command_session import run_interruptible
+from servolink.cli.first_steps.demo_stage import INDENT, FaultyLine, Scene, say, told
 from servolink.cli.screen.live import PHASES
-from servolink.cli.screen.output import Table
+from servolink.cli.screen.output import Form, Table
+from servolink.cli.screen.result import CommandResult, Part, Returned, print_for_people, show
 from servolink.cli.screen.terminal import cleanup
 from servolink.cli.usage import refuse_board
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
-from servolink.platforms.pseudo_terminals import AVAILABLE
-from servolink.project.project_file import load_project, save_project
-from servolink.project.transfer.results import Progress
-from servolink.protocol.records import (
+from servolink.project import Progress, load_project, save_project
+from servolink.protocol import (
+    ALL_SERVOS,
     Action,
     Button,
     JoystickTable,
     Macro,
     MacroCommand,
     MacroCommandType,
+    QueryServoRequest,
     ServoParameter,
 )
-from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest
-from servolink.script import FAILED, OK
-from servolink.transports.registry import create
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.serve import serve
+from servolink.support import ExitCode, PseudoTerminal
+from servolink.transports import create
+from servolink.virtual import VirtualBoard, serve
 
 _SERVOS = 16
 _BOW, _LEAN, _RISE, _WAVE, _PAD, _BUTTON, _PROJECT = 1, 2, 3, 1, 1, 3, 42  # ids on the board
 _FAST = 0.05  # the duration of movements with `--fast`, as a share of the usual one
+_READING = 0.5  # seconds to read what a step has shown
 _IMPATIENT, _LATER = 0.3, 0.3  # seconds that the client waits for a delayed response, and from the move to the response
 _REACTION = 30.0  # seconds in which a button event must have come, however slow the machine
 
+Play: TypeAlias = Callable[[Scene], Awaitable[dict[str, Any]]]
+STEPS: dict[str, Play] = {}
+"""Function of each step by name: its docstring is the title; it checks what happens and returns what it measured."""
 
-async def show_servos(scene: Scene) -> StageResult:
-    """List the servos."""
-    servos = await scene.board.servos()
-    scene.stage.say(f"connected to {scene.board.url}")
+
+def step(name: str) -> Callable[[Play], Play]:
+    """Return a decorator for the next step of the demo."""
+    return lambda play: STEPS.setdefault(name, play)
+
+
+@step("servos")
+async def show_servos(scene: Scene) -> dict[str, Any]:
+    """A board with 16 servos, read over a serial port."""
+    servos, board = await scene.board.servos(), scene.board
+    say(f"connected to {board.url}")
     rows = [(servo.servo_id, servo.angle, servo.current, servo.temperature) for servo in servos]
-    scene.stage.table(Table(("servo", "angle", "current (raw)", "temperature (raw)"), rows))
-    return StageResult(
-        {"url": scene.board.url, "servos": len(servos), "round_trip_seconds": scene.board.stats.round_trip(50)},
-        {
-            f"all {_SERVOS} servos responded": len(servos) == _SERVOS,
-            "their angles are the board's": {servo.servo_id: int(servo.angle) for servo in servos} == scene.angles,
-        },
-    )
+    print_for_people(Table(("servo", "angle", "current (raw)", "temperature (raw)"), rows))
+    scene.check(f"all {_SERVOS} servos responded", len(servos) == _SERVOS)
+    scene.check("their angles are the board's", {one.servo_id: int(one.angle) for one in servos} == scene.angles)
+    return {"url": board.url, "servos": len(servos), "round_trip_seconds": board.stats.round_trip(50)}
 
 
-async def move_pose(scene: Scene) -> StageResult:
-    """Move all servos at once and watch them."""
+@step("pose")
+async def move_pose(scene: Scene) -> dict[str, Any]:
+    """All servos move at once."""
     pose = {servo_id: round(90 * math.sin(servo_id / 16 * 2 * math.pi)) for servo_id in scene.angles}
     asked = 1.5 * scene.pace
     seconds = await scene.watch(pose, await scene.board.move(pose, duration=asked))
-    return StageResult(
-        {"targets": pose, "asked_seconds": asked, "seconds": seconds},
-        {"every servo arrived": scene.angles == pose, "none was early": seconds >= asked},
-    )
+    scene.check("every servo arrived", scene.angles == pose)
+    scene.check("none was early", seconds >= asked)
+    return {"targets": pose, "asked_seconds": asked, "seconds": seconds}
 
 
-async def run_action(scene: Scene) -> StageResult:
-    """Store an action and run it."""
+@step("action")
+async def run_action(scene: Scene) -> dict[str, Any]:
+    """An action, stored on the board and run."""
     bow = scene.action(_BOW, "Bow", lambda servo_id: 60 if servo_id % 2 else -60)
     await scene.board.add_action(bow)
     stored = await scene.board.action(_BOW)
-    scene.stage.say(f"stored and read back: action {_BOW} '{stored.action_caption}', {len(stored.steps)} steps")
+    say(f"stored and read back: action {_BOW} '{stored.action_caption}', {len(stored.steps)} steps")
     await scene.board.run_action(_BOW)
     seconds = await scene.watch(_targets(bow), bow.seconds)
-    return StageResult(
-        {"action_id": _BOW, "steps": len(bow.steps), "seconds": seconds},
-        {
-            "the action reads back as it was written": stored == bow,
-            "running it moved every servo there": scene.angles == _targets(bow),
-        },
-    )
+    scene.check("the action reads back as it was written", stored == bow)
+    scene.check("running it moved every servo there", scene.angles == _targets(bow))
+    return {"action_id": _BOW, "steps": len(bow.steps), "seconds": seconds}
 
 
-async def run_macro(scene: Scene) -> StageResult:
-    """Store a macro of two actions and run it."""
-    lean = scene.action(_LEAN, "Lean", lambda servo_id: 75 * math.cos(servo_id / 16 * 2 * math.pi))
+@step("macro")
+async def run_macro(scene: Scene) -> dict[str, Any]:
+    """A macro, stored on the board and run."""
     rise = scene.action(_RISE, "Rise", lambda servo_id: -5 * servo_id)
+    await scene.board.add_action(scene.action(_LEAN, "Lean", lambda each: 75 * math.cos(each / 16 * 2 * math.pi)))
+    await scene.board.add_action(rise)
     pause = MacroCommand(10 * scene.interval(0.1), MacroCommandType.DELAY)
     wave = Macro(_WAVE, "Wave", (MacroCommand(_LEAN), pause, MacroCommand(_RISE, ratio=80)))
-    for action in (lean, rise):
-        await scene.board.add_action(action)
     await scene.board.add_macro(wave)
     stored = await scene.board.macro(_WAVE)
-    scene.stage.say(f"stored and read back: macro {_WAVE} 'Wave': lean, wait, rise at 80 % speed")
+    say(f"stored and read back: macro {_WAVE} 'Wave': lean, wait, rise at 80 % speed")
     await scene.board.run_macro(_WAVE)
     seconds = await _watch_wave(scene)
-    return StageResult(
-        {"macro_id": _WAVE, "commands": len(wave.commands), "seconds": seconds},
-        {
-            "the macro reads back as it was written": stored == wave,
-            "it ended in its last pose": scene.angles == _targets(rise),
-        },
-    )
+    scene.check("the macro reads back as it was written", stored == wave)
+    scene.check("it ended in its last pose", scene.angles == _targets(rise))
+    return {"macro_id": _WAVE, "commands": len(wave.commands), "seconds": seconds}
 
 
-async def press_button(scene: Scene) -> StageResult:
-    """Store a joystick table, press a button, and check the event and the macro of the button."""
+@step("button")
+async def press_button(scene: Scene) -> dict[str, Any]:
+    """A joystick button that starts the macro."""
     loop, virtual = asyncio.get_running_loop(), scene.virtual
     await scene.board.add_joystick_table(JoystickTable(_PAD, "Pad", (Button(_BUTTON, "Wave", _WAVE),)))
     await scene.board.set_active_joystick_table(_PAD)
-    async with scene.board.button_events() as events:
+    async with scene.board.button_events() as events, asyncio.timeout(_REACTION):
         pressed_at = loop.time()
         virtual.press_button(_BUTTON, pressed_at)
         is_started = virtual.player.macro_id == _WAVE
-        async with asyncio.timeout(_REACTION):
-            pressed = await anext(events)
+        pressed = await anext(events)
         latency = loop.time() - pressed_at
         virtual.release_button(_BUTTON, loop.time())
-        async with asyncio.timeout(_REACTION):
-            released = await anext(events)
-    scene.stage.say(f"button {pressed.button_id}: {pressed.kind}, {latency * 1000:.1f} ms after it went down")
+        seen = [pressed, await anext(events)]
+    say(f"button {pressed.button_id}: {pressed.kind}, {latency * 1000:.1f} ms after it went down")
     await _watch_wave(scene)
-    seen = [(event.button_id, event.kind) for event in (pressed, released)]
-    in_last_pose = scene.angles == _targets(await scene.board.action(_RISE))
-    return StageResult(
-        {"button_id": pressed.button_id, "events": [pressed.kind, released.kind], "event_seconds": round(latency, 6)},
-        {
-            f"button {_BUTTON} sent press and up": seen == [(_BUTTON, "press"), (_BUTTON, "up")],
-            "the board started the button's macro, which ended in its last pose": is_started and in_last_pose,
-        },
-    )
+    is_started &= scene.angles == _targets(await scene.board.action(_RISE))
+    went = [(event.button_id, event.kind) for event in seen]
+    scene.check(f"button {_BUTTON} sent press and up", went == [(_BUTTON, "press"), (_BUTTON, "up")])
+    scene.check("the board started the button's macro, which ended in its last pose", is_started)
+    kinds = [event.kind for event in seen]
+    return {"button_id": pressed.button_id, "events": kinds, "event_seconds": round(latency, 6)}
 
 
-async def survive_damage(scene: Scene) -> StageResult:
-    """Damage a bit of one response."""
-    before, damaged = scene.counters(), scene.line.damaged
+@step("damaged")
+async def survive_damage(scene: Scene) -> dict[str, Any]:
+    """A damaged response."""
+    before = scene.line.damaged
     scene.line.damage_next()
-    scene.stage.say("one bit of the next response is changed on the line; then all angles are read")
-    response = await scene.board.request(QueryServoRequest(ALL_SERVOS))
-    since, damaged = scene.counted_since(before), scene.line.damaged - damaged
-    return StageResult(
-        {"damaged_responses": damaged, **since},
-        {
-            "exactly one response was damaged": damaged == 1,
-            "the damaged response was thrown away and asked for again": min(since["skipped_bytes"], since["retries"])
-            > 0,
-            "the angles are right": {state.servo_id: state.angle for state in response.servos} == scene.angles,
-        },
-    )
+    say("one bit of the next response is changed on the line; then all angles are read")
+    with scene.counted() as since:
+        response = await scene.board.request(QueryServoRequest(ALL_SERVOS))
+    damaged, is_repaired = scene.line.damaged - before, min(since["skipped_bytes"], since["retries"]) > 0
+    scene.check("exactly one response was damaged", damaged == 1)
+    scene.check("the damaged response was thrown away and asked for again", is_repaired)
+    scene.check("the angles are right", {state.servo_id: state.angle for state in response.servos} == scene.angles)
+    return {"damaged_responses": damaged, **since}
 
 
-async def survive_delay(scene: Scene) -> StageResult:
-    """Delay a response until the request has timed out and the servos have moved."""
+@step("late")
+async def survive_delay(scene: Scene) -> dict[str, Any]:
+    """A late response."""
     await scene.board.servos()  # no response to an earlier repetition may be outstanding
-    loop, before, held, old = asyncio.get_running_loop(), scene.counters(), scene.line.held, scene.angles
-    scene.stage.say(
-        f"servo 1 is at {old[1]}°; all angles are read, and the response is held back until nobody waits for it"
-    )
-    scene.line.hold_next()
-    timed_out = False
-    try:
-        await scene.board.request(QueryServoRequest(ALL_SERVOS), timeout=_IMPATIENT)
-    except RequestTimeout:
-        timed_out = True
-    await scene.board.move(dict.fromkeys(old, 0), duration=0.01)
-    async with asyncio.timeout(_REACTION):
-        while any(scene.angles.values()):  # or they could rightly be read on their way
-            await asyncio.sleep(0.01)
-            scene.virtual.advance(loop.time())
-    scene.stage.say("all servos go to 0°, and all angles are read again, while the old response is still to come")
-    loop.call_later(_LATER, scene.line.release)
-    read = {servo.servo_id: int(servo.angle) for servo in await scene.board.servos()}
-    since, held = scene.counted_since(before), scene.line.held - held
-    scene.stage.say("queries that were sent again count as well, and responses that came behind the one held back")
-    return StageResult(
-        {"delayed_responses": held, "late_angle": old[1], "angle": read[1], **since},
-        {
-            "exactly one response was delayed past its time": timed_out and held == 1,
-            "a fence showed the late response to be late": min(since["late_responses"], since["fences"]) > 0,
-            f"servo 1 is read at {read[1]}°, and all angles are right": read == scene.angles != old,
-        },
-    )
+    loop, held, old, timed_out = asyncio.get_running_loop(), scene.line.held, scene.angles, False
+    say(f"servo 1 is at {old[1]}°; all angles are read, and the response is held back until nobody waits for it")
+    with scene.counted() as since:
+        scene.line.hold_next()
+        try:
+            await scene.board.request(QueryServoRequest(ALL_SERVOS), timeout=_IMPATIENT)
+        except RequestTimeout:
+            timed_out = True
+        await scene.board.move(dict.fromkeys(old, 0), duration=0.01)
+        async with asyncio.timeout(_REACTION):
+            while any(scene.angles.values()):  # or they could rightly be read on their way
+                await asyncio.sleep(0.01)
+                scene.virtual.advance(loop.time())
+        say("all servos go to 0°, and all angles are read again, while the old response is still to come")
+        loop.call_later(_LATER, scene.line.release)
+        read = {servo.servo_id: int(servo.angle) for servo in await scene.board.servos()}
+    held = scene.line.held - held
+    say("queries that were sent again count as well, and responses that came behind the one held back")
+    scene.check("exactly one response was delayed past its time", timed_out and held == 1)
+    scene.check("a fence showed the late response to be late", min(since["late_responses"], since["fences"]) > 0)
+    scene.check(f"servo 1 is read at {read[1]}°, and all angles are right", read == scene.angles != old)
+    return {"delayed_responses": held, "late_angle": old[1], "angle": read[1], **since}
 
 
-async def export_project(scene: Scene) -> StageResult:
-    """Write everything on the board into a file."""
+@step("export")
+async def export_project(scene: Scene) -> dict[str, Any]:
+    """Everything on the board, as a project file."""
     await scene.board.write_project_id(_PROJECT)
     await scene.board.add_servo_parameters([ServoParameter(1, servo_caption="left arm")])
     project = await scene.board.export_project()
     save_project(scene.file, project)
-    scene.stage.say(f"{scene.file}: {len(project.actions)} actions, each part read twice; the first lines:")
+    say(f"{scene.file}: {len(project.actions)} actions, each part read twice; the first lines:")
     for line in scene.file.read_text(encoding="utf-8").splitlines()[:9]:
-        scene.stage.say(f"   {line}")
-    return StageResult(
-        {"file": str(scene.file), "actions": len(project.actions), "macros": len(project.macros)},
-        {"the file holds what is on the board": load_project(scene.file) == project},
-    )
+        say(f"   {line}")
+    scene.check("the file holds what is on the board", load_project(scene.file) == project)
+    return {"file": str(scene.file), "actions": len(project.actions), "macros": len(project.macros)}
 
 
-async def pull_cable(scene: Scene) -> StageResult:
-    """Begin to write the file to a second board, and pull the cable in the middle."""
-    line, reached = FaultyLine(create(scene.second_url)), list[Progress]()
+@step("pulled")
+async def pull_cable(scene: Scene) -> dict[str, Any]:
+    """The project into a second board, whose cable is pulled."""
+    line, reached, reason = FaultyLine(create(scene.second_url)), list[Progress](), ""
 
     def on_progress(progress: Progress) -> None:
         reached.append(progress)
         if progress.phase == "writing" and progress.done * 2 >= progress.total:
             line.pull()
 
-    reason = ""
     try:
         async with connect(line) as board:
             await board.apply_project(load_project(scene.file), folder=scene.file.parent, on_progress=on_progress)
     except ConnectionLost as error:
         reason = str(error)
     at = reached[-1]
-    scene.stage.say(f"pulled while {PHASES[at.phase]}, at {at.item}: {reason}")
+    say(f"pulled while {PHASES[at.phase]}, at {at.item}: {reason}")
+    scene.check("the import ended in the middle", bool(reason))
     async with connect(scene.second_url) as board:
-        is_unfinished = await board.has_unfinished_import()
-    return StageResult(
-        {"at": at.item, "done": at.done, "total": at.total},
-        {"the import ended in the middle": bool(reason), "the board itself says that it is unfinished": is_unfinished},
-    )
+        scene.check("the board itself says that it is unfinished", await board.has_unfinished_import())
+    return {"at": at.item, "done": at.done, "total": at.total}
 
 
-async def finish_import(scene: Scene) -> StageResult:
-    """Continue the import, and compare."""
+@step("resumed")
+async def finish_import(scene: Scene) -> dict[str, Any]:
+    """Plugged in again."""
     project = load_project(scene.file)
     async with connect(scene.second_url) as board:
         applied = await board.apply_project(project, folder=scene.file.parent)
-        scene.stage.say("the same import again: it goes on where it was, and reads back what it writes")
+        say("the same import again: it goes on where it was, and reads back what it writes")
         plan = await board.plan_project(project)
-        scene.stage.say(f"plan: {len(plan.changes)} differences")
-    return StageResult(
-        {"differences": len(plan.changes), "backup": str(applied.backup)},
-        {
-            "it went on": applied.resumed,
-            "0 differences": not plan.changes,
-            "both virtual boards store the same": scene.second.storage.contents == scene.virtual.storage.contents,
-        },
-    )
-
-
-STEPS: tuple[tuple[str, str, Callable[[Scene], Awaitable[StageResult]]], ...] = (
-    ("servos", "A board with 16 servos, read over a serial port", show_servos),
-    ("pose", "All servos move at once", move_pose),
-    ("action", "An action, stored on the board and run", run_action),
-    ("macro", "A macro, stored on the board and run", run_macro),
-    ("button", "A joystick button that starts the macro", press_button),
-    ("damaged", "A damaged response", survive_damage),
-    ("late", "A late response", survive_delay),
-    ("export", "Everything on the board, as a project file", export_project),
-    ("pulled", "The project into a second board, whose cable is pulled", pull_cable),
-    ("resumed", "Plugged in again", finish_import),
-)
-"""Name, title and function of each step."""
+    say(f"plan: {len(plan.changes)} differences")
+    scene.check("it went on", applied.resumed)
+    scene.check("0 differences", not plan.changes)
+    is_same = scene.second.storage.contents == scene.virtual.storage.contents
+    scene.check("both virtual boards store the same", is_same)
+    return {"differences": len(plan.changes), "backup": str(applied.backup)}
 
 
 async def _watch_wave(scene: Scene) -> float:
@@ -274,6 +242,26 @@ async def _watch_wave(scene: Scene) -> float:
 
 def _targets(action: Action) -> dict[int, int]:
     return {step.servo_id: step.degree for step in action.steps}
+
+
+class DemoStep(CommandResult, frozen=True):
+    """JSON of each step of `demo`: checks and measurements."""
+
+    step: str
+    ok: bool
+    checks: dict[str, bool]
+    measured: dict[str, Any]
+
+
+class DemoEnd(CommandResult, frozen=True, kw_only=True):
+    """JSON of the last line of `demo`: steps that failed, seconds, commands to try next, and counters."""
+
+    step: str = "end"
+    ok: bool
+    failed: list[str]
+    seconds: float
+    next: list[str]
+    stats: dict[str, Any]
 
 
 @Command(
@@ -287,65 +275,76 @@ def _targets(action: Action) -> dict[int, int]:
 def run(args: argparse.Namespace) -> int:
     """Play all steps: 0, or 1 if a check failed."""
     refuse_board(args, "the demo has virtual boards of its own; leave out --board")
-    stage = Stage(as_json=args.json, fast=args.fast)
-
-    async def main(interruption: Interruption) -> int:
-        return await _play(stage, _FAST if args.fast else 1.0)
-
-    return run_interruptible(main, "only the demo's own virtual board was moved")
+    return run_interruptible(lambda _: _play(fast=args.fast), "only the demo's own virtual board was moved")
 
 
-async def _play(stage: Stage, pace: float) -> int:
-    """Play all steps on two virtual boards, and return the exit code."""
+async def _play(*, fast: bool) -> Returned:
+    """Play all steps on two virtual boards, and return how they went."""
     start = asyncio.get_running_loop().time()
     virtual, second = VirtualBoard(_SERVOS, seed=1), VirtualBoard(_SERVOS, seed=2)
     folder = tempfile.mkdtemp(prefix="servolink-demo-")
-    file = Path(folder) / "demo.servolink.json"
+    place: dict[str, Any] = {
+        "pty": PseudoTerminal.AVAILABLE,
+        "tcp": None if PseudoTerminal.AVAILABLE else "127.0.0.1:0",
+    }
     with cleanup(partial(shutil.rmtree, folder, ignore_errors=True)):
-        async with _served(virtual) as url, _served(second) as second_url:
+        async with AsyncExitStack() as stack:
+            [url], [second_url] = [await stack.enter_async_context(serve(each, **place)) for each in (virtual, second)]
             line = FaultyLine(create(url))
-            async with connect(line) as board:
-                failed = await _steps(Scene(board, virtual, line, second, second_url, stage, file, pace))
-                stats = board.stats.as_dict()
+            board = await stack.enter_async_context(connect(line))
+            file = Path(folder) / "demo.servolink.json"
+            scene = Scene(board, virtual, line, second, second_url, file, _FAST if fast else 1.0)
+            failed = await _steps(scene, fast=fast)
     seconds = round(asyncio.get_running_loop().time() - start, 3)
-    stage.end({"ok": not failed, "failed": failed, "seconds": seconds, "next": _next_commands(), "stats": stats})
-    return FAILED if failed else OK
+    stats = board.stats.as_dict()
+    end = DemoEnd(ok=not failed, failed=failed, seconds=seconds, next=_next_commands(), stats=stats)
+    return Returned(end, end_text(end), ExitCode.FAILED if failed else ExitCode.OK)
 
 
-@asynccontextmanager
-async def _served(board: VirtualBoard) -> AsyncIterator[str]:
-    """Serve `board` as a serial port, where the system can; yield its address."""
-    async with serve(board, pty=AVAILABLE, tcp=None if AVAILABLE else "127.0.0.1:0") as (url,):
-        yield url
-
-
-async def _steps(scene: Scene) -> list[str]:
+async def _steps(scene: Scene, *, fast: bool) -> list[str]:
     """Play the steps and return the names of failed steps; an error ends the demo."""
     failed: list[str] = []
-    for name, title, play in STEPS:
-        scene.stage.begin(title)
+    for number, (name, play) in enumerate(STEPS.items(), 1):
+        print_for_people(["", (f"{number}. {(play.__doc__ or '').rstrip('.')}", "bold")])
+        scene.checks, reason = {}, ""
+        checks = scene.checks
         try:
-            outcome = await play(scene)
+            measured = await play(scene)
         except (ServolinkError, TimeoutError) as error:
             reason = str(error) or "nothing came in time"
-            await scene.stage.finish(name, StageResult({"error": reason}, {reason: False}))
-            return [*failed, name]
-        await scene.stage.finish(name, outcome)
-        if not outcome.ok:
-            failed.append(name)
+            measured, checks = {"error": reason}, {reason: False}
+        ok = all(checks.values())
+        show(DemoStep(name, ok, checks, measured), _checked(checks))
+        failed += [] if ok else [name]
+        if reason:
+            break
+        if not (fast or Form.json):
+            await asyncio.sleep(_READING)
     return failed
+
+
+def _checked(checks: dict[str, bool]) -> Iterator[Part]:
+    for claim, true in checks.items():
+        yield from told(f"{INDENT}{'ok' if true else 'FAILED'}: {claim}", "green" if true else "bold red")
+
+
+def end_text(end: DemoEnd) -> Iterator[Part]:
+    """Yield the result of the demo and the commands to try next."""
+    result = f"All of it worked, in {end.seconds:.1f} s. Try next"
+    if not end.ok:
+        result = f"FAILED: {', '.join(end.failed)}. To look closer"
+    yield from ("", *told(f"{result}, the first in a terminal of its own:"))
+    for command in end.next:
+        yield from told(INDENT + command, continued=" \\")
 
 
 def _next_commands() -> list[str]:
     """Return commands to paste, which work in any folder."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         place = f"127.0.0.1:{free.getsockname()[1]}"
-    servolink = own_name()
-    return [
-        f"{servolink} virtual --tcp {place}",
-        f"{servolink} --board tcp://{place} servos",
-        f"{servolink} --board tcp://{place} move 1=60 2=-30 --speed 45",
-    ]
+    board = f"--board tcp://{place}"
+    words = (f"virtual --tcp {place}", f"{board} servos", f"{board} move 1=60 2=-30 --speed 45")
+    return [f"{own_name()} {each}" for each in words]
 
 
 def own_name() -> str:

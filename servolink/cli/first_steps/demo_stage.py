@@ -1,127 +1,61 @@
-"""Stage of the demo: the boards, a line with faults, and the output as text or as JSON."""
+"""Stage of the demo: the boards, a line with faults, and the output while a step is played."""
 
 from __future__ import annotations
 
 import asyncio
-import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from textwrap import TextWrapper
 
 from servolink.cli.screen.live import Draw, follow, live_bars
-from servolink.cli.screen.output import Table, console, is_terminal, print_json, print_table, print_text
-from servolink.client.board import Board
-from servolink.client.servo_state import Servo
-from servolink.protocol.records import Action, Step
-from servolink.transports.base import Transport
-from servolink.transports.lifecycle import WrappedTransport
-from servolink.virtual.board import VirtualBoard
+from servolink.cli.screen.output import console, is_terminal
+from servolink.cli.screen.result import Part, print_for_people
+from servolink.client import Board, Servo
+from servolink.protocol import Action, Step
+from servolink.transports import Transport, WrappedTransport
+from servolink.virtual import VirtualBoard
 
 _SAMPLE = 0.5  # seconds between the lines that stand for a moving picture
-_READING = 0.5  # seconds to read what a step has shown
-_INDENT = "   "
+INDENT = "   "
 
 
-@dataclass
-class StageResult:
-    """Result of a step: measurements and checks."""
-
-    measured: dict[str, Any] = field(default_factory=dict)
-    checks: dict[str, bool] = field(default_factory=dict)
-
-    @property
-    def ok(self) -> bool:
-        """Whether all checks passed."""
-        return all(self.checks.values())
+def told(text: str, style: str = "", *, continued: str = "") -> list[Part]:
+    """Return the lines of a text, broken between words on a terminal, and at `continued` so that they can be pasted."""
+    lines = [text]
+    if is_terminal() and len(text) > console().width:
+        wrapper = TextWrapper(console().width - len(continued), break_on_hyphens=False, break_long_words=False)
+        wrapper.subsequent_indent = " " * (len(text) - len(text.lstrip()) + len(continued))
+        *begun, last = wrapper.wrap(text)
+        lines = [*(line + continued for line in begun), last]
+    return [(line, style) for line in lines]
 
 
-class Stage:
-    """Shows the steps as text, or as JSON, which has only their outcomes; `fast` leaves no time to read."""
-
-    def __init__(self, *, as_json: bool, fast: bool) -> None:
-        self._as_json = as_json
-        self._fast = fast
-        self._number = 0
-
-    def begin(self, title: str) -> None:
-        """Announce a step."""
-        self._number += 1
-        self._print("")
-        self._print(f"{self._number}. {title}", "bold")
-
-    def say(self, text: str) -> None:
-        """Show what happens in a step."""
-        self._print(_INDENT + text)
-
-    def table(self, table: Table) -> None:
-        """Show a table."""
-        if not self._as_json:
-            print_table(table)
-
-    @contextmanager
-    def motion(self) -> Iterator[Draw]:
-        """Show moving servos: bars on a terminal, elsewhere a line now and then."""
-        if self._as_json or is_terminal():
-            with live_bars(shown=not self._as_json) as bars:
-                yield bars
-        else:
-            self.say("time, then the angle of each servo")
-            last: list[tuple[float, Sequence[Servo]]] = []
-            written = -_SAMPLE
-
-            def draw(elapsed: float, servos: Sequence[Servo]) -> None:
-                nonlocal written
-                last[:] = [(elapsed, servos)]
-                if elapsed >= written + _SAMPLE:
-                    written = elapsed
-                    _print_angles(*last.pop())
-
-            yield draw
-            if last:
-                _print_angles(*last.pop())
-
-    async def finish(self, name: str, outcome: StageResult) -> None:
-        """Show the outcome of a step and leave time to read."""
-        if self._as_json:
-            print_json({"step": name, "ok": outcome.ok, "checks": outcome.checks, "measured": outcome.measured})
-            return
-        for claim, true in outcome.checks.items():
-            self._print(f"{_INDENT}{'ok' if true else 'FAILED'}: {claim}", "green" if true else "bold red")
-        if not self._fast:
-            await asyncio.sleep(_READING)
-
-    def end(self, result: dict[str, Any]) -> None:
-        """Show the result of the demo and the commands to try next: `ok`, `failed`, `seconds`, `next`."""
-        if self._as_json:
-            print_json({"step": "end", **result})
-            return
-        told, next_time = f"All of it worked, in {result['seconds']:.1f} s.", "Try next"
-        if not result["ok"]:
-            told, next_time = f"FAILED: {', '.join(result['failed'])}.", "To look closer"
-        self._print("")
-        self._print(f"{told} {next_time}, the first in a terminal of its own:")
-        for command in result["next"]:
-            self._print(_INDENT + command, continued=" \\")
-
-    def _print(self, text: str, style: str = "", *, continued: str = "") -> None:
-        """Print text; on a terminal, lines are broken between words, at `continued` in a way that can be pasted."""
-        if self._as_json:
-            return
-        lines = [text]
-        if is_terminal() and len(text) > console().width:
-            wrapper = textwrap.TextWrapper(console().width - len(continued), break_on_hyphens=False)
-            wrapper.break_long_words = False  # a path in two could not be copied
-            wrapper.subsequent_indent = " " * (len(text) - len(text.lstrip()) + len(continued))
-            lines = wrapper.wrap(text)
-            lines[:-1] = [line + continued for line in lines[:-1]]
-        for line in lines:
-            print_text(line, style)
+def say(text: str) -> None:
+    """Print what happens in a step."""
+    print_for_people(told(INDENT + text))
 
 
-def _print_angles(elapsed: float, servos: Sequence[Servo]) -> None:
-    print_text(f"{_INDENT}{elapsed:4.1f} s " + "".join(f"{int(servo.angle):5}" for servo in servos))
+@contextmanager
+def _motion() -> Iterator[Draw]:
+    """Show moving servos: bars on a terminal, elsewhere a line now and then."""
+    if is_terminal():
+        with live_bars() as bars:
+            yield bars
+        return
+    say("time, then the angle of each servo")
+    shown, waiting = -_SAMPLE, list[str]()
+
+    def draw(elapsed: float, servos: Sequence[Servo]) -> None:
+        nonlocal shown
+        waiting[:] = [f"{INDENT}{elapsed:4.1f} s " + "".join(f"{int(servo.angle):5}" for servo in servos)]
+        if elapsed >= shown + _SAMPLE:
+            shown = elapsed
+            print_for_people(waiting.pop())
+
+    yield draw
+    print_for_people(waiting)
 
 
 class FaultyLine(WrappedTransport):
@@ -129,10 +63,8 @@ class FaultyLine(WrappedTransport):
 
     def __init__(self, inner: Transport) -> None:
         super().__init__(inner)
-        self.damaged = 0
-        """The number of responses of which a bit was changed."""
-        self.held = 0
-        """The number of responses that were held back."""
+        self.damaged = self.held = 0
+        """The numbers of responses of which a bit was changed, and that were held back."""
         self._damage = self._hold = self._is_holding = False
         self._chunks: list[bytes] = []
 
@@ -158,13 +90,12 @@ class FaultyLine(WrappedTransport):
     def data(self, chunk: bytes, /) -> None:
         """Pass on `chunk`, altered by the faults."""
         if self._damage:
-            self._damage = False
-            self.damaged += 1
             middle = len(chunk) // 2
             chunk = chunk[:middle] + bytes([chunk[middle] ^ 0x10]) + chunk[middle + 1 :]
-        if self._hold:
-            self._hold, self._is_holding = False, True
-            self.held += 1
+        self.damaged += self._damage
+        self.held += self._hold
+        self._is_holding |= self._hold
+        self._damage = self._hold = False
         if self._is_holding:
             self._chunks.append(chunk)
         else:
@@ -182,11 +113,16 @@ class Scene:
     second: VirtualBoard
     """Another board, at `second_url`."""
     second_url: str
-    stage: Stage
     file: Path
     """The project file that the demo writes."""
     pace: float
     """1.0 for movements that a person can follow, less for faster ones."""
+    checks: dict[str, bool] = field(default_factory=dict)
+    """Claims of the step that is played, and whether each is true."""
+
+    def check(self, claim: str, true: bool) -> None:  # noqa: FBT001 - as in an assertion
+        """Note whether a claim is true."""
+        self.checks[claim] = true
 
     @property
     def angles(self) -> dict[int, int]:
@@ -198,25 +134,26 @@ class Scene:
         return max(1, round(seconds * self.pace * 100))
 
     def action(self, action_id: int, caption: str, angle_of: Callable[[int], float]) -> Action:
-        """Return an action that moves each servo to the angle equal to the servo id."""
+        """Return an action that moves each servo to the angle that `angle_of` returns for its id."""
         interval = self.interval(0.7)
         return Action(action_id, caption, tuple(Step(each, round(angle_of(each)), interval) for each in self.angles))
 
     async def watch(self, targets: dict[int, int], seconds: float) -> float:
         """Show the servos until all are at `targets`; return the elapsed time in seconds."""
         start = asyncio.get_running_loop().time()
-        with self.stage.motion() as draw:
+        with _motion() as draw:
             await follow(self.board, targets, seconds, draw)
         return round(asyncio.get_running_loop().time() - start, 3)
 
-    def counters(self) -> dict[str, int]:
-        """Return what the client has counted of the faults on the line."""
+    @contextmanager
+    def counted(self) -> Iterator[dict[str, int]]:
+        """Yield what the client counts of the faults on the line in this context; print it at the end."""
+        before, since = self._counters(), dict[str, int]()
+        yield since
+        since |= {name: count - before[name] for name, count in self._counters().items()}
+        say(", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in since.items()))
+
+    def _counters(self) -> dict[str, int]:
         stats = self.board.stats
         counters = {"skipped_bytes": sum(stats.skipped.values())}
         return counters | {each: getattr(stats, each) for each in ("timeouts", "late_responses", "fences", "retries")}
-
-    def counted_since(self, before: dict[str, int]) -> dict[str, int]:
-        """Return, and show, what was counted since `before`."""
-        since = {name: count - before[name] for name, count in self.counters().items()}
-        self.stage.say(", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in since.items()))
-        return since

@@ -6,16 +6,46 @@ import argparse
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
+from msgspec import Struct, to_builtins
+
 from servolink.cli.arguments import not_empty
 from servolink.cli.command import Command, flag, option
-from servolink.cli.command_session import Interruption, agreed, interruptible, refuse_without_answer, run_interruptible
+from servolink.cli.command_session import Interruption, agreed, interruptible, refuse_without_answer
 from servolink.cli.fleet.broker_options import BROKER, NOBODY, fleet_of
-from servolink.cli.screen.output import Table, counted, print_json, print_result, print_table, print_text, table_of
-from servolink.errors import OpenError
-from servolink.script import FAILED, NO_BOARD, OK
+from servolink.cli.screen.output import Table, counted, table_of
+from servolink.cli.screen.result import CommandResult, Ending, Part, Remark, Returned, Text
+from servolink.support import ExitCode
 
 if TYPE_CHECKING:
-    from servolink.fleet.roster import BoardSeen
+    from servolink.fleet import BoardSeen
+
+
+class FleetListed(CommandResult, frozen=True):
+    """JSON of `fleet list`: boards in the form of `fleet watch`."""
+
+    boards: list[dict[str, Any]]
+
+
+class FleetProblem(Struct, frozen=True):
+    """Problem of the broker, the network or a board, with its remedy."""
+
+    about: str
+    observation: str
+    remedy: str
+
+
+class FleetExamined(CommandResult, frozen=True):
+    """JSON of `fleet doctor`: numbers of known and connected boards, and problems."""
+
+    boards: int
+    online: int
+    findings: list[FleetProblem]
+
+
+class FleetForgotten(CommandResult, frozen=True):
+    """JSON of `fleet forget`: the boards that were removed from the list."""
+
+    forgotten: list[str]
 
 
 @Command(
@@ -26,28 +56,20 @@ if TYPE_CHECKING:
     takes_board=False,
 )
 @interruptible("nothing was changed")
-async def run_list(args: argparse.Namespace, interruption: Interruption) -> int:
-    """Print every board known to the broker; return 0 if any board is connected."""
+async def run_list(args: argparse.Namespace, interruption: Interruption) -> Returned:
+    """Return every board known to the broker; end with 0 if any board is connected."""
     async with fleet_of(args, may_move=False) as fleet:
         boards = await fleet.list()
-    if args.json:
-        print_json({"boards": [described(seen) for seen in boards]})
-    elif boards:
-        print_table(boards_table(boards))
-        for text in problems_of(boards):
-            print_text(text, "yellow")
-    if any(seen.is_online for seen in boards):
-        return OK
-    if args.json or boards:
-        return NO_BOARD
-    raise OpenError(NOBODY)
+    value = FleetListed([described(seen) for seen in boards])
+    text: Text = Remark(NOBODY)
+    if boards:
+        text = [boards_table(boards), *((problem, "yellow") for problem in problems_of(boards))]
+    return Returned(value, text, ExitCode.OK if any(seen.is_online for seen in boards) else ExitCode.NO_BOARD)
 
 
 def described(seen: BoardSeen) -> dict[str, Any]:
     """Return what is known of a board, for programs."""
-    import msgspec
-
-    now = {} if seen.now is None else msgspec.to_builtins(seen.now)
+    now = {} if seen.now is None else to_builtins(seen.now)
     return {**now, "board": seen.name, "is_online": seen.is_online, "unreadable": seen.problem or None}
 
 
@@ -99,23 +121,19 @@ def problems_of(boards: Iterable[BoardSeen]) -> list[str]:
     takes_board=False,
 )
 @interruptible("nothing was changed")
-async def run_doctor(args: argparse.Namespace, interruption: Interruption) -> int:
+async def run_doctor(args: argparse.Namespace, interruption: Interruption) -> Returned:
     """Examine the fleet; return 0 if nothing is wrong, else 1."""
     async with fleet_of(args, may_move=False) as fleet:
         findings = await fleet.doctor()
         online, known = len(fleet.controller.roster.online), len(fleet.controller.roster)
-    if args.json:
-        found = [{"about": one.about, "observation": one.observation, "remedy": one.remedy} for one in findings]
-        print_json({"boards": known, "online": online, "findings": found})
-    else:
-        print_text(f"the broker answers; {online} of {counted(known, 'board')} connected")
-        for number, one in enumerate(findings, 1):
-            print_text("")
-            print_text(f"{number}. {one.about}", "bold")
-            print_table(Table((), [("observation", one.observation), ("remedy", one.remedy)]))
-        if not findings:
-            print_text("nothing is wrong")
-    return FAILED if findings else OK
+    found = [FleetProblem(one.about, one.observation, one.remedy) for one in findings]
+    text: list[Part] = [f"the broker answers; {online} of {counted(known, 'board')} connected"]
+    for number, one in enumerate(found, 1):
+        facts = Table((), [("observation", one.observation), ("remedy", one.remedy)])
+        text += ["", (f"{number}. {one.about}", "bold"), facts]
+    if not found:
+        text.append("nothing is wrong")
+    return Returned(FleetExamined(known, online, found), text, ExitCode.FAILED if found else ExitCode.OK)
 
 
 _UNCHANGED = "nothing was forgotten"
@@ -132,18 +150,14 @@ _UNCHANGED = "nothing was forgotten"
     ),
     takes_board=False,
 )
-def run_forget(args: argparse.Namespace) -> int:
+@interruptible(_UNCHANGED)
+async def run_forget(args: argparse.Namespace, interruption: Interruption) -> Ending:
     """Remove the retained messages of offline boards from the broker, after asking."""
     refuse_without_answer(args)
     boards = list(dict.fromkeys(args.boards))
-
-    async def main(interruption: Interruption) -> int:
-        async with fleet_of(args, may_move=False) as fleet:
-            if not await agreed(args, interruption, f"forget {', '.join(boards)} until they join again?"):
-                return FAILED
-            interruption.state = "some boards may be forgotten"
-            await fleet.forget(*boards)
-        print_result(args, {"forgotten": boards}, f"forgotten: {', '.join(boards)}")
-        return OK
-
-    return run_interruptible(main, _UNCHANGED)
+    async with fleet_of(args, may_move=False) as fleet:
+        if not await agreed(args, interruption, f"forget {', '.join(boards)} until they join again?"):
+            return ExitCode.FAILED
+        interruption.state = "some boards may be forgotten"
+        await fleet.forget(*boards)
+    return Returned(FleetForgotten(boards), f"forgotten: {', '.join(boards)}")

@@ -8,13 +8,13 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
+from servolink import fleet
 from servolink.cli.arguments import file_path, not_empty
 from servolink.cli.command import group, option
 from servolink.errors import OpenError
 
 if TYPE_CHECKING:
-    from servolink.fleet.access import BrokerAccess
-    from servolink.fleet.client import Fleet
+    from servolink.fleet import BrokerAccess, Fleet
 
 BROKER_VARIABLE = "SERVOLINK_BROKER"
 _BROKER = "mqtt://localhost"
@@ -52,9 +52,9 @@ BROKER = (
 
 def access_of(args: argparse.Namespace, url: str) -> BrokerAccess:
     """Return the credentials for the broker at `url`. Raise InvalidAddress or ServolinkError with the correction."""
-    from servolink.fleet.access import broker_access
+    from servolink.fleet import BrokerAccess
 
-    return broker_access(
+    return BrokerAccess.of(
         url, user=args.user, password_file=args.password_file, ca=args.ca, certificate=args.certificate, key=args.key
     )
 
@@ -69,8 +69,7 @@ GROUPS = (
 
 def fleet_of(args: argparse.Namespace, *, servos: bool = False, may_move: bool = True) -> Fleet:
     """Return the fleet of `args`. Raise InvalidAddress or ServolinkError with the correction."""
-    from servolink import fleet
-    from servolink.fleet.topics import PREFIX
+    from servolink.fleet import PREFIX
 
     url = args.broker or os.environ.get(BROKER_VARIABLE) or _BROKER
     groups = getattr(args, "groups", None)

@@ -5,25 +5,23 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import file_path, whole_number
 from servolink.cli.command import Command, flag, option
-from servolink.cli.command_session import Interruption, agreed, refuse_unasked, refuse_without_answer, run_interruptible
+from servolink.cli.command_session import Interruption, agreed, interruptible, refuse_unasked, refuse_without_answer
 from servolink.cli.fleet.broker_options import BROKER, GROUPS, boards_of
-from servolink.cli.screen.live import PHASES
-from servolink.cli.screen.output import Table, counted, print_error, print_json, print_table, print_text
+from servolink.cli.screen.live import PHASES, draws_progress, progress_bar
+from servolink.cli.screen.output import Table, counted
+from servolink.cli.screen.result import CommandResult, Ending, Part, Remark, Returned, print_for_people
 from servolink.cli.screen.terminal import confirm
-from servolink.script import FAILED, OK
+from servolink.control import Applied
+from servolink.errors import ProjectError, ServolinkError, escape
+from servolink.project import Project, ProjectFile
+from servolink.support import ExitCode
 
 if TYPE_CHECKING:
-    from servolink.control.messages import Applied
-    from servolink.errors import ServolinkError
-    from servolink.fleet.client import Fleet
-    from servolink.fleet.each import Outcomes
-    from servolink.fleet.topics import Step
-    from servolink.fleet.transfer import BoardPlan
-    from servolink.project.model import Project
+    from servolink.fleet import BoardPlan, Fleet, Outcomes, Step
 
 _MOST_PARALLEL = 200
 _UNCHANGED = "no board was changed"
@@ -53,18 +51,13 @@ _CHOICE = (
     ),
     takes_board=False,
 )
-def run_apply(args: argparse.Namespace) -> int:
+@interruptible(_UNCHANGED)
+async def run_apply(args: argparse.Namespace, interruption: Interruption) -> Ending:
     """Show the changes of each board, ask, and write to all boards with changes."""
-    from servolink.project.project_file import read_project_file
-
-    project, unchecked, *_ = read_project_file(args.file)  # a missing file ends the command before a question is asked
+    project, unchecked, *_ = ProjectFile.read(args.file)  # a missing file ends the command before a question is asked
     refuse_without_answer(args)
-
-    async def main(interruption: Interruption) -> int:
-        async with boards_of(args) as fleet:
-            return await _Apply(args, fleet, interruption, project, unchecked=unchecked).run()
-
-    return run_interruptible(main, _UNCHANGED)
+    async with boards_of(args) as fleet:
+        return await _Apply(args, fleet, interruption, project, unchecked=unchecked).run()
 
 
 class _Apply:
@@ -79,33 +72,30 @@ class _Apply:
         self._project = project
         self._unchecked = unchecked
 
-    async def run(self) -> int:
-        """Plan, ask and import. Return the exit code."""
-        from servolink.fleet.transfer import Transfer
+    async def run(self) -> Ending:
+        """Plan, ask and import."""
+        from servolink.fleet import Transfer
 
         args, boards = self._args, self._fleet.boards(self._args.on or "all")
-        with _progress("comparing", len(boards), quiet=args.json) as (on_step, on_outcome):
+        with _progress("comparing", len(boards)) as (on_step, on_outcome):
             each = Transfer(
                 self._fleet.controller, boards, parallel=args.parallel, on_step=on_step, on_outcome=on_outcome
             )
             plans = await each.plan(self._project, replace=args.replace, unchecked=self._unchecked)
         there = {board: plan for board, plan in plans.done.items() if plan.differs}
-        if not args.json:
-            print_table(_plan_table(plans))
+        print_for_people(_plan_table(plans))
         if plans.failed and args.fail_fast:
             there = {}
         if there and not args.yes and not await confirm(_question(there)):
-            print_text(_UNCHANGED)
-            return FAILED
-        applied = await self._apply(list(there))
-        self._report(plans, applied)
-        return OK if plans.is_complete and applied.is_complete else FAILED
+            print_for_people(_UNCHANGED)
+            return ExitCode.FAILED
+        return _applied(plans, await self._apply(list(there)))
 
     async def _apply(self, boards: list[str]) -> Outcomes[Applied]:
-        from servolink.fleet.transfer import Transfer
+        from servolink.fleet import Transfer
 
         args, left = self._args, dict.fromkeys(boards)
-        with _progress("writing", len(boards), quiet=args.json) as (on_step, on_outcome):
+        with _progress("writing", len(boards)) as (on_step, on_outcome):
 
             def ended(board: str, error: ServolinkError | None) -> None:
                 del left[board]
@@ -131,29 +121,50 @@ class _Apply:
                 self._project, replace=args.replace, unchecked=self._unchecked, backup=not args.no_backup
             )
 
-    def _report(self, plans: Outcomes[BoardPlan], applied: Outcomes[Applied]) -> None:
-        same = [board for board, plan in plans.done.items() if not plan.differs]
-        failed = {board: str(error) for board, error in {**plans.failed, **applied.failed}.items()}
-        not_begun = [
-            board
-            for board, plan in plans.done.items()
-            if plan.differs and board not in applied.done and board not in applied.failed
-        ]
-        if self._args.json:
-            done = {board: {"resumed": each.resumed, "backup": each.backup} for board, each in applied.done.items()}
-            print_json({"done": done, "unchanged": same, "failed": failed, "not_begun": not_begun})
-            return
-        if applied.done:
-            names = ", ".join(sorted(applied.done))
-            print_text(f"done, and verified, on {counted(len(applied.done), 'board')}: {names}", "green")
-        if same:
-            print_text(f"held it already: {', '.join(sorted(same))}")
-        for board, text in failed.items():
-            print_error(f"servolink: {text if board in text else f'{board}: {text}'}")
-        if not_begun:
-            print_error(f"servolink: not begun: {', '.join(not_begun)}")
-        if failed or not_begun:
-            print_error("servolink: run the same command again for these boards; finished boards are not written again")
+
+class FleetApplied(CommandResult, frozen=True, kw_only=True):
+    """JSON of `fleet apply`: boards by how it went; finished boards with backup."""
+
+    done: dict[str, dict[str, Any]]
+    unchanged: list[str]
+    failed: dict[str, str]
+    not_begun: list[str]
+
+
+class FleetExported(CommandResult, frozen=True):
+    """JSON of `fleet export`: files and failures by board."""
+
+    files: dict[str, str]
+    failed: dict[str, str]
+
+
+def _applied(plans: Outcomes[BoardPlan], applied: Outcomes[Applied]) -> Returned:
+    differing = [board for board, plan in plans.done.items() if plan.differs]
+    value = FleetApplied(
+        done={board: {"resumed": each.resumed, "backup": each.backup} for board, each in applied.done.items()},
+        unchanged=[board for board in plans.done if board not in differing],
+        failed={board: str(error) for board, error in {**plans.failed, **applied.failed}.items()},
+        not_begun=[board for board in differing if board not in applied.done and board not in applied.failed],
+    )
+    is_complete = plans.is_complete and applied.is_complete
+    return Returned(value, _applied_text(value), ExitCode.OK if is_complete else ExitCode.FAILED)
+
+
+def _applied_text(applied: FleetApplied) -> Iterator[Part]:
+    if applied.done:
+        names = ", ".join(sorted(applied.done))
+        yield f"done, and verified, on {counted(len(applied.done), 'board')}: {names}", "green"
+    if applied.unchanged:
+        yield f"held it already: {', '.join(sorted(applied.unchanged))}"
+    yield from _failures(applied.failed)
+    if applied.not_begun:
+        yield Remark(f"not begun: {', '.join(applied.not_begun)}")
+    if applied.failed or applied.not_begun:
+        yield Remark("run the same command again for these boards; finished boards are not written again")
+
+
+def _failures(failed: dict[str, str]) -> Iterator[Remark]:
+    return (Remark(text if board in text else f"{board}: {text}") for board, text in failed.items())
 
 
 def _plan_table(plans: Outcomes[BoardPlan]) -> Table:
@@ -197,81 +208,51 @@ def _question(plans: dict[str, BoardPlan]) -> str:
     ),
     takes_board=False,
 )
-def run_export(args: argparse.Namespace) -> int:
+@interruptible("no file was written")
+async def run_export(args: argparse.Namespace, interruption: Interruption) -> Ending:
     """Write a file for each board, after asking if there are some already."""
-    from servolink.errors import ProjectError
-
     if args.folder.exists() and not args.folder.is_dir():
         raise ProjectError(f"{args.folder} is not a folder; choose another name")
-
-    async def main(interruption: Interruption) -> int:
-        async with boards_of(args) as fleet:
-            return await _export(args, fleet, interruption)
-
-    return run_interruptible(main, "no file was written")
+    async with boards_of(args) as fleet:
+        return await _export(args, fleet, interruption)
 
 
-async def _export(args: argparse.Namespace, fleet: Fleet, interruption: Interruption) -> int:
-    from servolink.fleet.transfer import Transfer, export_path
+async def _export(args: argparse.Namespace, fleet: Fleet, interruption: Interruption) -> Ending:
+    from servolink.fleet import Transfer
 
     boards = fleet.boards(args.on or "all")
-    there = [path.name for board in boards if (path := export_path(args.folder, board)).exists()]
+    there = [path.name for board in boards if (path := Transfer.export_path(args.folder, board)).exists()]
     if there:
         held = f"{args.folder} holds {', '.join(there)} already"
         refuse_unasked(args, f"{held}; --yes replaces them")
         if not await agreed(args, interruption, f"{held}. Replace them?"):
-            return FAILED
+            return ExitCode.FAILED
     args.folder.mkdir(parents=True, exist_ok=True)
     interruption.state = f"some files in {args.folder} may be written, each whole"
-    with _progress("reading", len(boards), quiet=args.json) as (on_step, on_outcome):
+    with _progress("reading", len(boards)) as (on_step, on_outcome):
         each = Transfer(fleet.controller, boards, parallel=args.parallel, on_step=on_step, on_outcome=on_outcome)
         outcomes = await each.export(args.folder)
     failed = {board: str(error) for board, error in outcomes.failed.items()}
-    if args.json:
-        print_json({"files": {board: str(path) for board, path in outcomes.done.items()}, "failed": failed})
-    else:
-        for path in outcomes.done.values():
-            print_text(str(path))
-        for board, text in failed.items():
-            print_error(f"servolink: {text if board in text else f'{board}: {text}'}")
-    return OK if outcomes.is_complete else FAILED
+    files = {board: str(path) for board, path in outcomes.done.items()}
+    code = ExitCode.OK if outcomes.is_complete else ExitCode.FAILED
+    return Returned(FleetExported(files, failed), [*files.values(), *_failures(failed)], code)
 
 
 # --- progress ---------------------------------------------------------------------------------------------------------
 
 
 @contextmanager
-def _progress(label: str, total: int, *, quiet: bool) -> Iterator[tuple[_OnStep, _OnOutcome]]:
+def _progress(label: str, total: int) -> Iterator[tuple[_OnStep, _OnOutcome]]:
     """Yield callbacks that draw a bar of finished boards and the progress of the latest unfinished board."""
-    import sys
-
-    if quiet or not total or sys.stderr is None or not sys.stderr.isatty():
+    if not total or not draws_progress():
         yield (lambda board, step: None), (lambda board, error: None)
         return
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
-    from rich.progress import Progress as Bar
-
-    from servolink.cli.screen.output import console
-    from servolink.cli.screen.terminal import cleanup
-    from servolink.escaping import escape
-
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[item]}", markup=False),
-    )
-    displayed = console(stderr=True)
-    with cleanup(displayed.show_cursor), Bar(*columns, console=displayed, transient=True) as bar:
-        task = bar.add_task(label, total=total, item="")
+    with progress_bar(label, total) as (bar, task):
 
         def on_step(board: str, step: Step) -> None:
             bar.update(task, item=escape(f"{board}: {PHASES[step.phase]} {step.done} of {step.total}"))
 
-        def on_outcome(board: str, error: ServolinkError | None) -> None:
-            bar.advance(task)
-
-        yield on_step, on_outcome
+        yield on_step, lambda board, error: bar.advance(task)
 
 
 if TYPE_CHECKING:

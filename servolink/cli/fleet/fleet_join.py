@@ -7,22 +7,21 @@ import asyncio
 import gc
 import os
 from contextlib import AsyncExitStack
-from functools import partial
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import board_name, file_path, not_empty, number, timeout
 from servolink.cli.command import Command, flag, group, option
-from servolink.cli.command_session import ENDLESS, Interruption, run_interruptible
+from servolink.cli.command_session import ENDLESS, Interruption, connection_options, interruptible
 from servolink.cli.fleet.broker_options import ACCESS, BROKER_VARIABLE, access_of
 from servolink.cli.screen.live import can_draw, staying_line
-from servolink.cli.screen.output import counted, cut, print_error, print_result
+from servolink.cli.screen.output import counted, cut, print_error
+from servolink.cli.screen.result import CommandResult, show
 from servolink.cli.usage import named_board, usage_error
-from servolink.errors import ServolinkError, install_extra
-from servolink.escaping import escape
-from servolink.script import OK
+from servolink.errors import escape
+from servolink.support import ExitCode, Tasks
 
 if TYPE_CHECKING:
-    from servolink.fleet.join import LocalBoard, LocalFleet
+    from servolink.fleet import LocalBoard, LocalFleet
 
 _MOST_HZ = 100.0
 
@@ -61,38 +60,26 @@ _MOST_HZ = 100.0
     ),
     takes_board=False,
 )
-def run(args: argparse.Namespace) -> int:
+@interruptible("nothing was sent to the boards", in_usage=True)
+async def run(args: argparse.Namespace, interruption: Interruption) -> int:
     """Join until Ctrl-C or SIGTERM."""
     broker = args.broker or os.environ.get(BROKER_VARIABLE)
     if not broker:
         usage_error(args, f"which broker? Name one, as in mqtt://teacher.local, or set {BROKER_VARIABLE}")
     if (args.numbers or args.discovery_prefix) and not args.home_assistant:
         usage_error(args, "--numbers and --discovery-prefix belong to --home-assistant")
-    return run_interruptible(partial(_join, args, broker), "nothing was sent to the boards", usage=args)
-
-
-async def _join(args: argparse.Namespace, broker: str, interruption: Interruption) -> int:
-    """Serve until the task is cancelled."""
-    try:
-        from servolink.fleet.join import LocalFleet, local_boards
-    except ModuleNotFoundError as error:
-        raise ServolinkError(f"servolink fleet needs paho-mqtt; {install_extra('fleet')}") from error
-    from servolink.fleet import home_assistant
-    from servolink.fleet.policy import PolicyFile
-    from servolink.fleet.topics import PREFIX, Topics
-    from servolink.tasks import Tasks
+    from servolink.fleet import PREFIX, HomeAssistant, LocalFleet, PolicyFile, Topics, local_boards
 
     names = [*args.boards, *filter(None, [named_board(args)])]
     topics, policy_file = Topics(args.prefix or PREFIX), PolicyFile(args.policy)
-    where = Topics(args.discovery_prefix or home_assistant.PREFIX).prefix
-    found_by = home_assistant.HomeAssistant(where, args.numbers) if args.home_assistant else None
+    where = Topics(args.discovery_prefix or HomeAssistant().prefix).prefix
+    found_by = HomeAssistant(where, args.numbers) if args.home_assistant else None
     access = await asyncio.to_thread(access_of, args, broker)
-    options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
     async with AsyncExitStack() as stack:
-        members = await stack.enter_async_context(local_boards(names, args.name, **options))
-        interruption.state, interruption.code = "the boards were left unchanged", OK
+        members = await stack.enter_async_context(local_boards(names, args.name, **connection_options(args)))
+        interruption.state, interruption.code = "the boards were left unchanged", ExitCode.OK
         fleet = LocalFleet(access, topics, policy_file.policies, hz=args.hz, home_assistant=found_by)
-        if not args.json and can_draw():
+        if can_draw():
             address = str(access.address)
             show = await stack.enter_async_context(staying_line(lambda width: _status_line(fleet, address, width)))
             fleet.on_line = lambda level, text: show(text, "" if level == "info" else "yellow")
@@ -100,24 +87,33 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
             fleet.on_line = lambda level, text: None if level == "info" else print_error(f"servolink: {text}")
 
         def joined() -> None:
-            _print_joined(args, fleet, members, str(access.address), topics.prefix)
+            _show_joined(fleet, members, str(access.address), topics.prefix)
+            if not names:
+                fleet.on_line("warning", "boards that are connected later do not join before a new `fleet join`")
             gc.freeze()  # examining earlier objects takes longer than starting the boards
 
         following = Tasks()
         following.begin(fleet.follow(policy_file))
         stack.push_async_callback(following.close)
         await fleet.join(members, joined)
-    return OK
+    return ExitCode.OK
 
 
-def _print_joined(
-    args: argparse.Namespace, fleet: LocalFleet, members: list[LocalBoard], broker: str, prefix: str
-) -> None:
+class BoardJoined(CommandResult, frozen=True):
+    """JSON of each board of `fleet join`; `allow` is the right of other people."""
+
+    joined: str
+    hub: str
+    broker: str
+    topic: str
+    allow: str
+
+
+def _show_joined(fleet: LocalFleet, members: list[LocalBoard], broker: str, prefix: str) -> None:
     for (hub, name), bridge in zip(members, fleet.bridges, strict=True):
         allow = bridge.telemetry.now.allow
-        print_result(
-            args,
-            {"joined": name, "hub": f"share://{hub}", "broker": broker, "topic": f"{prefix}/{name}", "allow": allow},
+        show(
+            BoardJoined(name, f"share://{hub}", broker, f"{prefix}/{name}", allow),
             f"joined {name} (share://{hub}) at {broker} as {prefix}/{name}: {_ALLOWED[allow]}",
         )
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from functools import partial
 
 from servolink.cli.arguments import alarm, listening
 from servolink.cli.command import Command, option
-from servolink.cli.command_session import ENDLESS, Interruption, run_interruptible
+from servolink.cli.command_session import ENDLESS, Interruption, interruptible
 from servolink.cli.fleet.broker_options import BROKER, fleet_of
-from servolink.cli.screen.output import print_error, print_result
-from servolink.cli.usage import needing_extra
-from servolink.script import OK
+from servolink.cli.screen.output import print_error
+from servolink.cli.screen.result import show_served
+from servolink.client import Alarm
+from servolink.support import ExitCode
+from servolink.transports import NetworkPlace
 
 
 @Command(
@@ -40,27 +41,21 @@ from servolink.script import OK
     ),
     takes_board=False,
 )
-def run(args: argparse.Namespace) -> int:
+@interruptible("nothing was changed")
+async def run(args: argparse.Namespace, interruption: Interruption) -> int:
     """Serve until Ctrl-C or SIGTERM."""
-    return run_interruptible(partial(_serve, args), "nothing was changed")
-
-
-async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
-    """Serve until the task is cancelled."""
     fleet = fleet_of(args, servos=True)
-    with needing_extra("metrics"):
-        from servolink.fleet.metrics import serve_metrics
-    from servolink.client.alarms import Alarm
-    from servolink.listeners.tcp import host_and_port, joined, reached_by
+    from servolink.gateways.metrics import serve_metrics
 
-    host, port = host_and_port(args.listen)
+    host, port = NetworkPlace.parse(args.listen)
     async with fleet:
         await fleet.list()
-        with serve_metrics(fleet.controller, host, port, [Alarm.parse(text) for text in args.alarm]) as found:
-            interruption.code = OK
-            url = f"http://{joined(host, found)}/metrics"
-            print_result(args, {"metrics": url}, f"metrics {url}")
-            reached = reached_by(f"tcp://{joined(host, found)}")
-            print_error(f"servolink: {url} can be read by {reached}")
+        alarms = [Alarm.parse(text) for text in args.alarm]
+        async with serve_metrics(fleet.controller, host, port, alarms) as found:
+            interruption.code = ExitCode.OK
+            place = NetworkPlace(host, found)
+            url = f"http://{place}/metrics"
+            show_served(metrics=url)
+            print_error(f"servolink: {url} can be read by {place.reached_by}")
             await asyncio.Event().wait()
-    return OK
+    return ExitCode.OK

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import RECORD_NAME, number
 from servolink.cli.command import Command, flag, option
 from servolink.cli.command_session import Interruption, interruptible
 from servolink.cli.fleet.broker_options import BROKER, GROUPS, NOBODY, boards_of, fleet_of
-from servolink.cli.screen.output import counted, print_error, print_json, print_text
-from servolink.script import FAILED, NO_BOARD, OK
+from servolink.cli.screen.output import counted
+from servolink.cli.screen.result import CommandResult, Part, Remark, Returned
+from servolink.support import ExitCode
 
 if TYPE_CHECKING:
-    from servolink.fleet.stop_boards import Stopped
-    from servolink.fleet.together import RanTogether
+    from servolink.fleet import RanTogether, Stopped
 
 
 @Command(
@@ -34,55 +35,71 @@ if TYPE_CHECKING:
     takes_board=False,
 )
 @interruptible()
-async def run_together(args: argparse.Namespace, interruption: Interruption) -> int:
+async def run_together(args: argparse.Namespace, interruption: Interruption) -> Returned:
     """Prepare all boards, and start the prepared boards with a single message."""
     async with boards_of(args) as fleet:
         interruption.state = "boards may have been started; `servolink fleet stop` stops all"
         ran = await fleet.run(args.name, args.on or "all", kind=args.kind, anyway=args.anyway, start=args.start)
         interruption.state = "boards were started; `servolink fleet stop` stops all"
-    if args.json:
-        print_json(
-            {
-                "started": list(ran.started),
-                "held_back": list(ran.held_back),
-                "failed": ran.failed,
-                "may_have_started": list(ran.may_have_started),
-                "spread_seconds": ran.spread,
-                "measured_by": ran.measured_by,
-                "duration_seconds": ran.duration,
-                "idle_servos": ran.idle_servos,
-            }
-        )
-    else:
-        _print_run(ran, args.name)
-    return FAILED if ran.failed or not ran.started else OK
+    value = FleetStarted(
+        started=ran.started,
+        held_back=ran.held_back,
+        failed=ran.failed,
+        may_have_started=ran.may_have_started,
+        spread_seconds=ran.spread,
+        measured_by=ran.measured_by,
+        duration_seconds=ran.duration,
+        idle_servos=ran.idle_servos,
+    )
+    code = ExitCode.FAILED if ran.failed or not ran.started else ExitCode.OK
+    return Returned(value, _ran_text(ran, args.name), code)
 
 
-def _print_run(ran: RanTogether, name: int | str) -> None:
-    """Print failed, doubtful and started boards, and the spread of the starts in milliseconds."""
-    for text in ran.failed.values():
-        print_error(f"servolink: {text}")
+class FleetStarted(CommandResult, frozen=True, kw_only=True):
+    """JSON of `fleet run`: boards by how it went, and the seconds between the first and the last start."""
+
+    started: Sequence[str]
+    held_back: Sequence[str]
+    failed: Mapping[str, str]
+    may_have_started: Sequence[str]
+    spread_seconds: float | None
+    measured_by: str | None
+    duration_seconds: float | None
+    idle_servos: Mapping[str, Sequence[int]]
+
+
+class FleetHalted(CommandResult, frozen=True, kw_only=True):
+    """JSON of `fleet stop`: seconds to the stop of each board, and the boards that may still move."""
+
+    stopped: dict[str, float]
+    failed: Mapping[str, str]
+    silent: Sequence[str]
+    offline: Sequence[str]
+
+
+def _ran_text(ran: RanTogether, name: int | str) -> Iterator[Part]:
+    """Yield failed, doubtful and started boards, and the spread of the starts in milliseconds."""
+    yield from map(Remark, ran.failed.values())
     if ran.may_have_started:
-        print_error(
-            f"servolink: perhaps started, without an answer: {', '.join(ran.may_have_started)}; "
-            "`servolink fleet stop` stops all"
+        yield Remark(
+            f"perhaps started, without an answer: {', '.join(ran.may_have_started)}; `servolink fleet stop` stops all"
         )
     if not ran.started and not ran.may_have_started:
         ready = f"; --anyway starts those that are ready: {', '.join(ran.held_back)}" if ran.held_back else ""
-        print_error(f"servolink: no board was started{ready}")
+        yield Remark(f"no board was started{ready}")
     if not ran.started:
         return
-    print_text(f"{name} was started on {counted(len(ran.started), 'board')}: {', '.join(ran.started)}")
+    yield f"{name} was started on {counted(len(ran.started), 'board')}: {', '.join(ran.started)}"
     if ran.idle_servos:
-        print_error(
-            f"servolink: servos are stopped or released, and do not move: {', '.join(ran.idle_servos)}; "
+        yield Remark(
+            f"servos are stopped or released, and do not move: {', '.join(ran.idle_servos)}; "
             "--start starts and holds those of the run first"
         )
     if ran.spread is not None:
         how = "by the clock of their machine" if ran.measured_by == "clock" else "estimated from the delay of messages"
-        print_text(f"between the first and the last start: {ran.spread * 1000:.1f} ms, {how}")
+        yield f"between the first and the last start: {ran.spread * 1000:.1f} ms, {how}"
     if ran.duration is not None:
-        print_text(f"it takes {ran.duration:g} s")
+        yield f"it takes {ran.duration:g} s"
 
 
 @Command(
@@ -103,40 +120,31 @@ def _print_run(ran: RanTogether, name: int | str) -> None:
     takes_board=False,
 )
 @interruptible("nothing was stopped")
-async def run_stop(args: argparse.Namespace, interruption: Interruption) -> int:
+async def run_stop(args: argparse.Namespace, interruption: Interruption) -> Returned:
     """Stop every chosen board, again and again until each has answered or is silent."""
     async with fleet_of(args, may_move=False) as fleet:
         interruption.state = "a stop was sent, and not every board has answered; send it again"
         stopped = await fleet.stop(args.on or "all", patience=args.within)
-    if args.json:
-        print_json(
-            {
-                "stopped": {board: round(seconds, 4) for board, seconds in stopped.stopped.items()},
-                "failed": stopped.failed,
-                "silent": list(stopped.silent),
-                "offline": list(stopped.offline),
-            }
-        )
-    else:
-        _print_stop(stopped)
-    if not stopped.is_complete:
-        return FAILED
-    return OK if stopped.stopped else NO_BOARD
+    value = FleetHalted(
+        stopped={board: round(seconds, 4) for board, seconds in stopped.stopped.items()},
+        failed=stopped.failed,
+        silent=stopped.silent,
+        offline=stopped.offline,
+    )
+    code = ExitCode.FAILED if not stopped.is_complete else ExitCode.OK if stopped.stopped else ExitCode.NO_BOARD
+    return Returned(value, _stopped_text(stopped), code)
 
 
-def _print_stop(stopped: Stopped) -> None:
-    """Print stopped boards, silent boards and boards that may still move."""
+def _stopped_text(stopped: Stopped) -> Iterator[Part]:
+    """Yield stopped boards, silent boards and boards that may still move."""
     if stopped.stopped:
         count, last = len(stopped.stopped), max(stopped.stopped.values())
         each = "it reports" if count == 1 else "each reports"
-        print_text(
-            f"stopped {counted(count, 'board')} within {last * 1000:.0f} ms: {each} that its servos hold", "green"
-        )
-    for board, text in stopped.failed.items():
-        print_error(f"servolink: {board} may still move: {text}")
+        yield f"stopped {counted(count, 'board')} within {last * 1000:.0f} ms: {each} that its servos hold", "green"
+    yield from (Remark(f"{board} may still move: {text}") for board, text in stopped.failed.items())
     if stopped.silent:
-        print_error(f"servolink: no answer, and may still move: {', '.join(stopped.silent)}")
+        yield Remark(f"no answer, and may still move: {', '.join(stopped.silent)}")
     if stopped.offline:
-        print_error(f"servolink: not connected, so nothing could be sent to: {', '.join(stopped.offline)}")
+        yield Remark(f"not connected, so nothing could be sent to: {', '.join(stopped.offline)}")
     if not (stopped.stopped or stopped.failed or stopped.silent or stopped.offline):
-        print_error(f"servolink: {NOBODY}")
+        yield Remark(NOBODY)

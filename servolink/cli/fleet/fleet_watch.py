@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import number
 from servolink.cli.command import Command, option
-from servolink.cli.command_session import ENDLESS, Interruption, run_interruptible
+from servolink.cli.command_session import ENDLESS, Interruption, interruptible
 from servolink.cli.fleet.boards import battery_of, described, problems_of, state_of
 from servolink.cli.fleet.broker_options import BROKER, fleet_of
 from servolink.cli.screen.live import Line, can_draw, pictures
-from servolink.cli.screen.output import Table, counted, cut, plain_lines, print_json, print_text
+from servolink.cli.screen.output import Table, counted, cut, plain_lines
+from servolink.cli.screen.result import show
 from servolink.cli.screen.terminal import until_quit
-from servolink.escaping import escape
-from servolink.script import OK
+from servolink.errors import escape
+from servolink.support import ExitCode
 
 if TYPE_CHECKING:
-    from servolink.fleet.client import Fleet
-    from servolink.fleet.roster import BoardSeen
+    from servolink.fleet import BoardSeen, Fleet
 
 _EVERY = 0.5  # seconds
 _MOST_PROBLEMS = 5
@@ -34,20 +34,17 @@ _MOST_PROBLEMS = 5
     options=(option("--seconds", "N", "end after N seconds", number(0.001, 10**9, "seconds")), *BROKER),
     takes_board=False,
 )
-def run(args: argparse.Namespace) -> int:
+@interruptible("nothing was changed")
+async def run(args: argparse.Namespace, interruption: Interruption) -> int:
     """Show the boards until the time is over, until `q` is pressed or until Ctrl-C."""
-    draws = not args.json and can_draw()
-
-    async def main(interruption: Interruption) -> int:
-        async with fleet_of(args, servos=draws, may_move=False) as fleet:
-            if args.seconds is None:
-                interruption.code = OK
-            await fleet.list()
-            async with until_quit(args.seconds):
-                await (_draw(fleet) if draws else _print(fleet, as_json=args.json))
-        return OK
-
-    return run_interruptible(main, "nothing was changed")
+    draws = can_draw()
+    async with fleet_of(args, servos=draws, may_move=False) as fleet:
+        if args.seconds is None:
+            interruption.code = ExitCode.OK
+        await fleet.list()
+        async with until_quit(args.seconds):
+            await (_draw(fleet) if draws else _print(fleet))
+    return ExitCode.OK
 
 
 async def _draw(fleet: Fleet) -> None:
@@ -58,7 +55,7 @@ async def _draw(fleet: Fleet) -> None:
             await asyncio.sleep(_EVERY)
 
 
-async def _print(fleet: Fleet, *, as_json: bool) -> None:
+async def _print(fleet: Fleet) -> None:
     """Print each board, and again when something of it has changed: a line, or an object."""
     changed: dict[str, None] = dict.fromkeys(seen.name for seen in fleet.controller.roster)
     more = asyncio.Event()
@@ -75,7 +72,7 @@ async def _print(fleet: Fleet, *, as_json: bool) -> None:
         for name in list(changed):
             del changed[name]
             if (seen := fleet.controller.roster.get(name)) is not None:
-                print_json(described(seen)) if as_json else print_text(_line(seen))
+                show(described(seen), _line(seen))
         await asyncio.sleep(_EVERY)  # a board that changes all the time takes two lines a second
 
 

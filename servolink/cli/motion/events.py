@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import number, whole_number
 from servolink.cli.command import MOVE, Command, option
 from servolink.cli.command_session import ENDLESS, KEEP_MODE, Interruption, on_board
-from servolink.cli.screen.output import counted, print_error, print_json, print_text
-from servolink.script import OK
-
-if TYPE_CHECKING:
-    from servolink.client.board import Board
-    from servolink.client.button_events import ButtonEvents
+from servolink.cli.screen.output import counted, print_error
+from servolink.cli.screen.result import CommandResult, show
+from servolink.client import Board, ButtonEvents
+from servolink.support import ExitCode
 
 
 @Command(
@@ -36,7 +33,7 @@ async def run(args: argparse.Namespace, board: Board, interruption: Interruption
         print_error("listening for button events; Ctrl-C ends it")
         interruption.state = "no more events are shown"
         if args.count is None and args.seconds is None:
-            interruption.code = OK
+            interruption.code = ExitCode.OK
         reporting = asyncio.create_task(_report_states(board))
         try:
             async with asyncio.timeout(args.seconds):
@@ -47,7 +44,7 @@ async def run(args: argparse.Namespace, board: Board, interruption: Interruption
             reporting.cancel()
             if events.dropped:
                 print_error(f"servolink: {counted(events.dropped, 'event')} lost: they came too fast")
-    return OK
+    return ExitCode.OK
 
 
 async def _report_states(board: Board) -> None:
@@ -61,17 +58,23 @@ async def _report_states(board: Board) -> None:
             print_error("servolink: the board is back")
 
 
+class ButtonShown(CommandResult, frozen=True):
+    """JSON of each line of `events`, in seconds since the first."""
+
+    seconds: float
+    button_id: int
+    event: int
+    kind: str
+
+
 async def _print_events(events: ButtonEvents, args: argparse.Namespace) -> None:
     """Print button events until the end of the events or of `--count`."""
     loop = asyncio.get_running_loop()
     start, left = loop.time(), args.count
     async for event in events:
         seconds = round(loop.time() - start, 3)
-        if args.json:
-            described = {"button_id": event.button_id, "event": event.event, "kind": event.kind}
-            print_json({"seconds": seconds, **described})
-        else:
-            print_text(f"{seconds:9.3f} s  button {event.button_id}  {event.kind}")
+        pressed = ButtonShown(seconds, event.button_id, event.event, event.kind)
+        show(pressed, f"{seconds:9.3f} s  button {event.button_id}  {event.kind}")
         if left is not None:
             left -= 1
             if left == 0:

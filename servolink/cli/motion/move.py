@@ -4,35 +4,36 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any
 
+from msgspec import Struct
+from msgspec.structs import astuple
+
+from servolink.boards import BoardProfile
 from servolink.cli.arguments import SERVO_NAME, SPEED, number
 from servolink.cli.command import MOVE, Command, flag, group, one_of, option
-from servolink.cli.command_session import Interruption, agreed, refuse_unasked, run_with_board
-from servolink.cli.motion.servo_output import are, listed, print_servos, reported
+from servolink.cli.command_session import Interruption, agreed, on_board, refuse_unasked, run_with_board
+from servolink.cli.motion.servo_output import listed, reported, servos_returned
 from servolink.cli.screen.live import follow, live_bars
-from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text
+from servolink.cli.screen.output import Table, print_error
+from servolink.cli.screen.result import CommandResult, Ending, Returned
 from servolink.cli.usage import usage_error
-from servolink.errors import MotionRefused, ProfileError, Reason, RequestRefused, ServolinkError
-from servolink.escaping import quote
-from servolink.motion.angles import Adc, Angle, Degrees
-from servolink.script import FAILED, OK
-
-if TYPE_CHECKING:
-    from servolink.client.board import Board
-    from servolink.client.servo_state import Servo
+from servolink.client import Board, Servo, find_servos, find_targets, servos_of
+from servolink.errors import ProfileError, ServolinkError, quote
+from servolink.motion import Adc, Angle, Degrees, idle_servos
+from servolink.protocol import ALL_SERVOS
+from servolink.support import ExitCode
 
 DEFAULT_SPEED = 60.0
 """Degrees per second, at most, when neither time nor speed is given."""
-
-_TURN = 360  # degrees
 
 _TARGET = re.compile(r"(.+)=(.+)", re.DOTALL)
 _WHOLE = re.compile(r"[+-]?[0-9]{1,9}", re.ASCII)
 _FINISHING = "and the servos finish it; `servolink stop` stops them"
 
 
+ANY_ANGLE = flag("--any-angle", "allow angles beyond ±360 degrees for servos without limits")
 LIMITS = (
     group(
         "limits, besides those of `servolink board show`",
@@ -88,58 +89,42 @@ def servo_angle(text: str) -> tuple[int | str, int]:
         flag("--wait", "wait until all have arrived (default)", action=argparse.BooleanOptionalAction, default=True),
         flag("--start", "start and hold servos that are stopped or released"),
         flag("--adc", "angles are raw ADC readings; needs --duration"),
-        flag("--any-angle", f"allow angles beyond ±{_TURN} degrees for servos without limits"),
+        ANY_ANGLE,
         *LIMITS,
     ),
 )
 def run_move(args: argparse.Namespace) -> int:
     """Move, unless a servo is missing or would ignore it: nothing is sent then."""
-    kind = Adc if args.adc else Degrees
+    kind, unit = (Adc, "adc") if args.adc else (Degrees, "degree")
     named: dict[int | str, Angle] = {servo: kind(angle) for servo, angle in args.targets}
     if len(named) < len(args.targets):
         usage_error(args, "a servo is given twice")
     if args.adc and args.duration is None:
         usage_error(args, "--adc needs --duration: speeds are in degrees per second")
 
-    async def talk(board: Board, interruption: Interruption) -> int:
-        from servolink.client.captions import find_targets
-
+    async def talk(board: Board, interruption: Interruption) -> Returned:
         found, captions = await find_targets(board, named)
         targets = {servo_id: kind(angle) for servo_id, angle in found.items()}
-        if not args.adc and not args.any_angle:
-            _refuse_turns(board, targets)
         before = {servo.servo_id: servo for servo in await reported(board, targets)}
         pace = _speeds(board, targets) if args.speed is None and args.duration is None else args.speed
-        # `move` checks the limits too, but no servo must be started for a refused move.
-        await board.move(targets, duration=args.duration, speed=pace, dry_run=True)
-        await make_ready(board, [before[servo_id] for servo_id in targets], interruption, start=args.start)
-        interruption.state = f"the move may have been sent: if so, it was sent whole, {_FINISHING}"
-        seconds = await board.move(targets, duration=args.duration, speed=pace)
+        started = "servos may have been started and held, and " if args.start else ""
+        interruption.state = f"{started}the move may have been sent: if so, it was sent whole, {_FINISHING}"
+        seconds = await board.move(
+            targets, duration=args.duration, speed=pace, start=args.start, any_angle=args.any_angle
+        )
         interruption.state = f"the move was sent, {_FINISHING}"
         after: dict[int, Servo] = {}
         if args.wait:
-            with live_bars(targets, shown=not args.json and is_terminal()) as draw:
+            with live_bars(targets) as draw:
                 after = {servo.servo_id: servo for servo in await follow(board, targets, seconds, draw)}
             interruption.state = "all servos have arrived"
         moves = [
-            _Move(each, captions.get(each), before[each].angle, target, after[each].angle if after else None)
+            MovedServo(each, captions.get(each), before[each].angle, target, after[each].angle if after else None, unit)
             for each, target in targets.items()
         ]
-        _print(moves, seconds, as_json=args.json)
-        return OK
+        return Returned(ServosMoved(seconds, all(move.angle is not None for move in moves), moves), _table(moves))
 
     return run_with_board(args, talk, angle_unit=kind.unit, **limits_of(args))
-
-
-def _refuse_turns(board: Board, targets: Mapping[int, int]) -> None:
-    """Raise MotionRefused for an angle beyond a whole turn, unless the servo has limits, which decide."""
-    for servo_id, angle in targets.items():
-        if abs(angle) > _TURN and board.limits.of(servo_id) is None:
-            raise MotionRefused(
-                f"servo {servo_id}: {angle} degrees is beyond ±{_TURN}, and no limits say that it can turn that far; "
-                "nothing was sent. Add --any-angle if it can",
-                reason=Reason.LIMIT,
-            )
 
 
 def _speeds(board: Board, servo_ids: Iterable[int]) -> dict[int, float]:
@@ -151,48 +136,44 @@ async def make_ready(board: Board, servos: Iterable[Servo], interruption: Interr
     """Raise RequestRefused if some of `servos` would ignore a move, or with `start`, start and hold those."""
     idle = [servo.servo_id for servo in servos if not (servo.is_start and servo.is_hold)]
     if idle and not start:
-        raise RequestRefused(
-            f"{are(idle)} stopped or released and would ignore the movement; nothing was sent. "
-            "Add --start to start and hold first",
-            reason=Reason.SERVO_STATE,
-        )
+        raise idle_servos(idle)
     for servo_id in idle:
         interruption.state = "no movement was sent; servos may have been started and held"
         await board.set_servo(servo_id, start=True, hold=True)
 
 
-class _Move(NamedTuple):
-    """Movement of one servo: target, and position afterwards."""
+class MovedServo(Struct, frozen=True):
+    """Movement of one servo: target, and angle afterwards; null with `--no-wait`."""
 
     servo_id: int
-    caption: str | None
-    start: int
-    target: int
-    end: int | None
+    servo_caption: str | None
+    from_angle: int
+    target_angle: int
+    angle: int | None
+    angle_unit: str
 
 
-def _print(moves: Sequence[_Move], seconds: float, *, as_json: bool) -> None:
-    if as_json:
-        servos = [
-            {
-                "servo_id": move.servo_id,
-                "servo_caption": move.caption,
-                "from_angle": int(move.start),
-                "target_angle": int(move.target),
-                "angle": None if move.end is None else int(move.end),
-                "angle_unit": "adc" if isinstance(move.target, Adc) else "degree",
-            }
-            for move in moves
-        ]
-        arrived = all(move.end is not None for move in moves)
-        print_json({"duration_seconds": seconds, "arrived": arrived, "servos": servos})
-        return
-    columns = dict(zip(("servo", "caption", "from", "target", "now"), zip(*moves, strict=True), strict=True))
+class ServosMoved(CommandResult, frozen=True):
+    """JSON of `move`; `arrived` says whether the servos were waited for."""
+
+    duration_seconds: float
+    arrived: bool
+    servos: list[MovedServo]
+
+
+def _table(moves: Sequence[MovedServo]) -> Table:
+    names = ("servo", "caption", "from", "target", "now")
+    columns = dict(zip(names, zip(*(astuple(move)[:-1] for move in moves), strict=True), strict=True))
     known = {name: values for name, values in columns.items() if any(value is not None for value in values)}
-    print_table(Table([*known], [*zip(*known.values(), strict=True)]))
+    return Table([*known], [*zip(*known.values(), strict=True)])
 
 
 _WARNING = "released servos are limp, and raised limbs fall"
+
+
+def check_can_release(args: argparse.Namespace) -> None:
+    """End as wrong usage without --yes and without a terminal for the question."""
+    refuse_unasked(args, f"{_WARNING}; add --yes if they may")
 
 
 @Command(
@@ -205,30 +186,34 @@ _WARNING = "released servos are limp, and raised limbs fall"
 def run_stop(args: argparse.Namespace) -> int:
     """Stop, and print what the servos then report."""
 
-    async def talk(board: Board, interruption: Interruption) -> int:
+    async def talk(board: Board, interruption: Interruption) -> Returned:
         interruption.state = "the stop was not confirmed; run `servolink stop` again"
         await board.stop()
-        interruption.state = "all servos report that they are stopped and held"
-        servos = await reported(board, may_be_adc=True)
-        if not args.json:
-            who = (
-                "the only servo reports that it is"
-                if len(servos) == 1
-                else f"all {len(servos)} servos report that they are"
-            )
-            print_text(f"{who} stopped and held")
-        print_servos(servos, as_json=args.json, captions={})
-        return OK
+        listed_ids = servos_of(board).known.listed
+        interruption.state = f"{'all' if listed_ids else 'the'} servos report that they are stopped and held"
+        try:
+            servos = await reported(board, may_be_adc=True)
+        except ServolinkError as error:
+            raise ServolinkError(f"{interruption.state}; they cannot be shown: {error}") from error
+        return servos_returned(servos, {}, f"{_reporting(servos, listed_ids)} stopped and held")
 
     # The handshake comes after the stop, and a stop may be repeated.
     options: dict[str, Any] = {"greet": False, "repeats": True, "handshake": False}
     try:
         return run_with_board(args, talk, **options)
     except ProfileError as error:
-        from servolink.profiles.profile import BoardProfile
-
         print_error(f"servolink: {error}; stopping without it")
         return run_with_board(args, talk, profile=BoardProfile(), **options)
+
+
+def _reporting(servos: Sequence[Servo], listed_ids: Collection[int] | None) -> str:
+    """Return whose stop was confirmed, such as `all 4 servos report that they are`, counted against the list."""
+    ids = {servo.servo_id for servo in servos}
+    if not listed_ids or not ids.issuperset(listed_ids):
+        return f"{listed(sorted(ids))}, on a board that does not list its servos, {'is' if len(ids) == 1 else 'are'}"
+    if len(listed_ids) == 1:
+        return "the only servo reports that it is"
+    return f"all {len(listed_ids)} servos report that they are"
 
 
 @Command(
@@ -241,25 +226,18 @@ def run_stop(args: argparse.Namespace) -> int:
         flag("--yes", f"do not ask: {_WARNING}"),
     ),
 )
-def run_release(args: argparse.Namespace) -> int:
+@on_board(check_can_release)
+async def run_release(args: argparse.Namespace, board: Board, interruption: Interruption) -> Ending:
     """Release servos, and print what the servos then report."""
-    from servolink.protocol.servos import ALL_SERVOS
-
-    check_can_release(args)
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        servo_ids, captions = await find_chosen(board, args.servos)
-        await reported(board, servo_ids, may_be_adc=True)
-        which = listed(servo_ids) if servo_ids else "all servos"
-        if not await may_release(args, interruption, which):
-            return FAILED
-        interruption.state = f"{which} may have been released; `servolink stop` holds all servos again"
-        await _release_each(board, servo_ids or [ALL_SERVOS])
-        interruption.state = f"{which} released; `servolink stop` holds all servos again"
-        print_servos(await board.servos(), as_json=args.json, captions=captions)
-        return OK
-
-    return run_with_board(args, talk)
+    servo_ids, captions = await find_chosen(board, args.servos)
+    await reported(board, servo_ids, may_be_adc=True)
+    which = listed(servo_ids) if servo_ids else "all servos"
+    if not await may_release(args, interruption, which):
+        return ExitCode.FAILED
+    interruption.state = f"{which} may have been released; `servolink stop` holds all servos again"
+    await _release_each(board, servo_ids or [ALL_SERVOS])
+    interruption.state = f"{which} released; `servolink stop` holds all servos again"
+    return servos_returned(await board.servos(), captions)
 
 
 SERVO_RELEASE = run_release.changed(name="servo release", topic="", examples=("servo release 1 2 --yes",))
@@ -272,9 +250,6 @@ async def chosen_servos(board: Board, servos: Sequence[int | str]) -> list[int]:
 
 async def find_chosen(board: Board, servos: Sequence[int | str]) -> tuple[list[int], dict[int, str]]:
     """Return the ids of servos, like `chosen_servos`, and the captions read on the way, by id."""
-    from servolink.client.captions import find_servos
-    from servolink.protocol.servos import ALL_SERVOS
-
     chosen, captions = await find_servos(board, servos)
     return [] if ALL_SERVOS in chosen else [*dict.fromkeys(chosen)], captions
 
@@ -288,11 +263,6 @@ async def _release_each(board: Board, servo_ids: Sequence[int]) -> None:
                 limp = ", ".join(map(str, servo_ids[:done]))
                 print_error(f"servolink: released and limp: {limp}; `servolink stop` holds all servos again")
             raise
-
-
-def check_can_release(args: argparse.Namespace) -> None:
-    """End as wrong usage without --yes and without a terminal for the question."""
-    refuse_unasked(args, f"{_WARNING}; add --yes if they may")
 
 
 async def may_release(args: argparse.Namespace, interruption: Interruption, which: str) -> bool:

@@ -6,24 +6,32 @@ import argparse
 import asyncio
 from collections.abc import Mapping
 from contextlib import suppress
+from typing import Any
 
 from servolink.cli.arguments import RECORD_NAME
 from servolink.cli.command import MOVE, Command, option
-from servolink.cli.command_session import Interruption, run_with_board
+from servolink.cli.command_session import Interruption, on_board
 from servolink.cli.motion.move import LIMITS, limits_of
-from servolink.cli.motion.run import stopped_by_interruption
+from servolink.cli.motion.run import read_run, stopped_by_interruption
 from servolink.cli.motion.servo_output import are, reported
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_table, print_text
 from servolink.cli.screen.terminal import can_ask, typed_keys
 from servolink.cli.usage import usage_error
-from servolink.client.board import Board
+from servolink.client import Board
 from servolink.errors import EncodeError, NotFound, Rejected, RequestRefused, ServolinkError
-from servolink.protocol.records import Button, JoystickTable
-from servolink.script import OK
+from servolink.protocol import Button, JoystickTable
+from servolink.support import ExitCode
 
 _HELP = "letter: tap; with Shift: hold until the next tap; space: stop; q or Esc: end"
 _PAGES = "Tab: keys for the next buttons"
 _AFTER_STOP = "all servos are stopped and held: `servolink servo start all` starts them"
+
+
+def _limits(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the limits; without a terminal, end as wrong usage."""
+    if not can_ask() or not is_terminal():
+        usage_error(args, "buttons are pressed by keys, which needs a terminal; `servolink run macro NAME` needs none")
+    return limits_of(args)
 
 
 @Command(
@@ -40,26 +48,20 @@ _AFTER_STOP = "all servos are stopped and held: `servolink servo start all` star
     ),
     needs_records=True,
 )
-def run(args: argparse.Namespace) -> int:
+@on_board(_limits)
+async def run(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Show the meaning of the keys, and obey them until the end."""
-    if args.json or not can_ask() or not is_terminal():
-        usage_error(args, "buttons are pressed by keys, which needs a terminal; `servolink run macro NAME` needs none")
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-
-        control, captions = await read_control(board, args.table)
-        print_table(control.mapping(captions))
-        idle = [servo.servo_id for servo in await reported(board) if not (servo.is_start and servo.is_hold)]
-        if idle:
-            print_error(f"servolink: {are(idle)} stopped or released and will not move; `servolink servo start` helps")
-        started = "macros may have been started"
-        async with stopped_by_interruption(board, interruption, started, "the remote control was ended"):
-            await _obey(control, captions)
-        interruption.state = "the remote control was ended"
-        print_text("ended; a macro that still runs goes on, and `servolink stop` stops all servos")
-        return OK
-
-    return run_with_board(args, talk, **limits_of(args))
+    control, captions = await read_control(board, args.table)
+    print_table(control.mapping(captions))
+    idle = [servo.servo_id for servo in await reported(board) if not (servo.is_start and servo.is_hold)]
+    if idle:
+        print_error(f"servolink: {are(idle)} stopped or released and will not move; `servolink servo start` helps")
+    started = "macros may have been started"
+    async with stopped_by_interruption(board, interruption, started, "the remote control was ended"):
+        await _obey(control, captions)
+    interruption.state = "the remote control was ended"
+    print_text("ended; a macro that still runs goes on, and `servolink stop` stops all servos")
+    return ExitCode.OK
 
 
 async def _obey(control: RemoteControl, captions: Mapping[int, str]) -> None:
@@ -270,8 +272,6 @@ async def read_control(board: Board, table: int | str | None) -> tuple[RemoteCon
 
 async def _seconds(board: Board, macro_id: int) -> float | None:
     """Return the duration of a macro in seconds; None for an endless macro, 0 for a missing action."""
-    from servolink.cli.motion.run import read_run
-
     with suppress(NotFound):
         return (await read_run(board, "macro", macro_id)).known_seconds()
     return 0.0

@@ -6,27 +6,28 @@ import argparse
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+from msgspec import UNSET, UnsetType
 
 from servolink.cli.arguments import RECORD_NAME
 from servolink.cli.command import MOVE, Command, flag, option
-from servolink.cli.command_session import Interruption, run_with_board
+from servolink.cli.command_session import Interruption, on_board
 from servolink.cli.motion.move import LIMITS, limits_of, make_ready
 from servolink.cli.motion.servo_output import are, listed, warn_of_missing
 from servolink.cli.screen.live import follow, live_bars
-from servolink.cli.screen.output import is_terminal, print_error, print_json, print_text
+from servolink.cli.screen.output import print_error
+from servolink.cli.screen.result import CommandResult, Returned
+from servolink.client import Board, check_can_wait, collect, record_id, servos_of
 from servolink.errors import ServolinkError
-from servolink.script import OK
-
-if TYPE_CHECKING:
-    from servolink.client.board import Board
-    from servolink.project.speed import RecordRun
-    from servolink.protocol.record_types import RecordType
+from servolink.motion import INTERVAL_UNIT
+from servolink.project import RecordRun, name_of
+from servolink.protocol import ACTION, MACRO, Action, RecordType
 
 _STOP_LIMIT = 0.15  # seconds for a stop to be confirmed after Ctrl-C, which must end soon
 
 
-class _Servos(NamedTuple):
+class _RunServos(NamedTuple):
     """Servos that a run is for, by id."""
 
     here: list[int]
@@ -51,23 +52,19 @@ _OPTIONS = (
     options=(option("kind", "action|macro", "what to run"), *_OPTIONS),
     needs_records=True,
 )
-def run(args: argparse.Namespace) -> int:
+@on_board(limits_of)
+async def run(args: argparse.Namespace, board: Board, interruption: Interruption) -> Returned:
     """Run it. Without --wait, return at once: the board does not report the end."""
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        found = await read_run(board, args.kind, args.record)
-        servos = await _prepare(board, interruption, args, found)
-        if args.wait:
-            await play(board, interruption, found, shown=not args.json and is_terminal())
-        else:
-            name = name_of_run(found)
-            interruption.state = f"{name} may have been started; `servolink stop` stops the servos"
-            await start_run(board, found)
-            interruption.state = f"{name} runs; `servolink stop` stops the servos"
-        _print(args, found, servos)
-        return OK
-
-    return run_with_board(args, talk, **limits_of(args))
+    found = await read_run(board, args.kind, args.record)
+    servos = await _prepare(board, interruption, args, found)
+    if args.wait:
+        await play(board, interruption, found)
+    else:
+        name = name_of_run(found)
+        interruption.state = f"{name} may have been started; `servolink stop` stops the servos"
+        await start_run(board, found)
+        interruption.state = f"{name} runs; `servolink stop` stops the servos"
+    return _returned(args, found, servos)
 
 
 ACTION_RUN = run.changed(
@@ -86,30 +83,23 @@ MACRO_RUN = ACTION_RUN.changed(
 )
 
 
-async def play(board: Board, interruption: Interruption, found: RecordRun, *, shown: bool) -> None:
-    """Run the record and wait for the end, with bars if `shown`. An interruption stops all servos."""
+async def play(board: Board, interruption: Interruption, found: RecordRun) -> None:
+    """Run the record and wait for the end. An interruption stops all servos."""
     name = name_of_run(found)
     async with stopped_by_interruption(board, interruption, f"{name} was started", f"{name} was ended"):
         await start_run(board, found)
-        await _follow(board, found, shown=shown)
+        await _follow(board, found)
     interruption.state = f"{name} is over"
 
 
 async def start_run(board: Board, found: RecordRun, *, dry_run: bool = False) -> None:
     """Start the run, or with `dry_run` only check the limits, and return at once."""
-    from servolink.protocol.records import Action
-
     run: Any = board.run_action if isinstance(found.record, Action) else board.run_macro
     await run(_id(found), dry_run=dry_run)
 
 
 async def read_run(board: Board, word: str, name: int | str) -> RecordRun:
     """Read an `action` or a `macro` with all records run by the macro. Raise NotFound for a missing record."""
-    from servolink.client.captions import record_id
-    from servolink.client.collect import collect
-    from servolink.motion.movement import INTERVAL_UNIT
-    from servolink.project.speed import RecordRun
-    from servolink.protocol.record_types import ACTION, MACRO
 
     async def get(kind: RecordType[Any], number: int) -> Any:
         return await (board.action(number) if kind is ACTION else board.macro(number))
@@ -121,10 +111,8 @@ async def read_run(board: Board, word: str, name: int | str) -> RecordRun:
     return RecordRun(stored, kind.by_id(stored)[number], known or INTERVAL_UNIT)
 
 
-async def _prepare(board: Board, interruption: Interruption, args: argparse.Namespace, found: RecordRun) -> _Servos:
+async def _prepare(board: Board, interruption: Interruption, args: argparse.Namespace, found: RecordRun) -> _RunServos:
     """Check that the run is possible, and start servos if asked to."""
-    from servolink.client.collect import check_can_wait
-
     await start_run(board, found, dry_run=True)
     servos = await board.servos()
     used = [servo for servo in servos if servo.servo_id in found.servo_ids()]
@@ -135,11 +123,11 @@ async def _prepare(board: Board, interruption: Interruption, args: argparse.Name
         warn_of_missing(missing)
     if args.wait or args.start:
         await make_ready(board, used, interruption, start=args.start)
-        return _Servos(here, [])
+        return _RunServos(here, [])
     idle = [servo.servo_id for servo in used if not (servo.is_start and servo.is_hold)]
     if idle:
         print_error(f"servolink: {are(idle)} stopped or released and will not move; --start starts and holds first")
-    return _Servos(here, idle)
+    return _RunServos(here, idle)
 
 
 @asynccontextmanager
@@ -157,56 +145,52 @@ async def stopped_by_interruption(
         with suppress(TimeoutError, ServolinkError):
             async with asyncio.timeout(_STOP_LIMIT):
                 await board.stop()
-            interruption.state = f"{stopped}: all servos report that they are stopped and held"
+            who = "all" if servos_of(board).known.listed else "the"
+            interruption.state = f"{stopped}: {who} servos report that they are stopped and held"
         raise
 
 
-async def _follow(board: Board, found: RecordRun, *, shown: bool) -> None:
-    """Wait until the run is over, with bars if `shown`. Raise TargetNotReached for late servos."""
+async def _follow(board: Board, found: RecordRun) -> None:
+    """Wait until the run is over. Raise TargetNotReached for late servos."""
     seconds, pose = found.seconds(), found.last_pose()
     if not pose:
         await asyncio.sleep(seconds)
         return
-    with live_bars(pose, seconds, shown=shown) as draw:
+    with live_bars(pose, seconds) as draw:
         await follow(board, pose, seconds, draw)
 
 
-def _print(args: argparse.Namespace, found: RecordRun, servos: _Servos) -> None:
+class RecordRan(CommandResult, frozen=True, kw_only=True):
+    """JSON of `run`, `action run` and `macro run`: id and caption of the action, or of the macro."""
+
+    action_id: int | UnsetType = UNSET
+    action_caption: str | UnsetType = UNSET
+    macro_id: int | UnsetType = UNSET
+    macro_caption: str | UnsetType = UNSET
+    duration_seconds: float | None
+    servo_ids: list[int]
+    idle_servos: list[int]
+    arrived: bool
+
+
+def _returned(args: argparse.Namespace, found: RecordRun, servos: _RunServos) -> Returned:
     servo_ids, seconds = servos.here, found.known_seconds()
-    if args.json:
-        described = {f"{args.kind}_id": _id(found), f"{args.kind}_caption": _caption(found)}
-        print_json(
-            {
-                **described,
-                "duration_seconds": seconds,
-                "servo_ids": servo_ids,
-                "idle_servos": servos.idle,
-                "arrived": args.wait,
-            }
-        )
-        return
-    moved = listed(servo_ids) if servo_ids else "no servo"
+    name: dict[str, Any] = {
+        f"{args.kind}_id": _id(found),
+        f"{args.kind}_caption": RecordType.of(found.record).caption_of(found.record),
+    }
+    ran = RecordRan(**name, duration_seconds=seconds, servo_ids=servo_ids, idle_servos=servos.idle, arrived=args.wait)
     if args.wait:
-        print_text(f"{name_of_run(found)} is over" + (f": {are(servo_ids)} at rest" if servo_ids else ""))
-    else:
-        takes = "" if seconds is None else f" takes {seconds:g} s and"
-        print_text(f"{name_of_run(found)} was started; it{takes} moves {moved}")
+        return Returned(ran, f"{name_of_run(found)} is over" + (f": {are(servo_ids)} at rest" if servo_ids else ""))
+    takes = "" if seconds is None else f" takes {seconds:g} s and"
+    moved = listed(servo_ids) if servo_ids else "no servo"
+    return Returned(ran, f"{name_of_run(found)} was started; it{takes} moves {moved}")
 
 
 def _id(found: RecordRun) -> int:
-    from servolink.protocol.record_types import type_of
-
-    return type_of(found.record).id_of(found.record)
-
-
-def _caption(found: RecordRun) -> str:
-    from servolink.protocol.record_types import type_of
-
-    return type_of(found.record).caption_of(found.record)
+    return RecordType.of(found.record).id_of(found.record)
 
 
 def name_of_run(found: RecordRun) -> str:
     """Return the name of what is run, such as `action 3 'Wave'`."""
-    from servolink.project.record_lookup import name_of
-
     return name_of(found.record)

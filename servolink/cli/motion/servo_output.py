@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Self
+
+from msgspec import Struct
 
 from servolink.cli.command import MOVE, Command, flag
-from servolink.cli.command_session import KEEP_MODE, Interruption, is_answered, run_with_board
-from servolink.cli.screen.output import Table, print_error, print_json, print_table
+from servolink.cli.command_session import KEEP_MODE, Interruption, is_answered, on_board
+from servolink.cli.screen.output import Table, print_error
+from servolink.cli.screen.result import CommandResult, Returned
+from servolink.client import Board, Servo
 from servolink.errors import NotFound, Rejected, RequestTimeout
-from servolink.motion.angles import Angle
-from servolink.script import OK
-
-if TYPE_CHECKING:
-    from servolink.client.board import Board
-    from servolink.client.servo_state import Servo
+from servolink.motion import Angle
 
 
 @Command(
@@ -25,15 +24,10 @@ if TYPE_CHECKING:
     examples=("servos", "servos --adc", "servos --json"),
     options=(flag("--adc", "angles as raw ADC readings instead of degrees"), KEEP_MODE),
 )
-def run(args: argparse.Namespace) -> int:
+@on_board(lambda args: {"angle_unit": "adc" if args.adc else "degree"})
+async def run(args: argparse.Namespace, board: Board, interruption: Interruption) -> Returned:
     """Print the servos."""
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        servos = await reported(board, may_be_adc=True)
-        print_servos(servos, as_json=args.json, captions=await known_captions(board))
-        return OK
-
-    return run_with_board(args, talk, angle_unit="adc" if args.adc else "degree")
+    return servos_returned(await reported(board, may_be_adc=True), await known_captions(board))
 
 
 SERVO_LIST = run.changed(name="servo list", topic="", examples=("servo list", "servo list --json"))
@@ -93,26 +87,35 @@ def are(servo_ids: Sequence[int]) -> str:
     return f"{listed(servo_ids)} {'are' if len(servo_ids) > 1 else 'is'}"
 
 
-def servo_object(servo: Servo, captions: Mapping[int, str]) -> dict[str, Any]:
-    """Return the report of a servo for `--json`; its caption is None unless in `captions`."""
-    return {
-        "servo_id": servo.servo_id,
-        "servo_caption": captions.get(servo.servo_id),
-        "angle": int(servo.angle),
-        "angle_unit": servo.angle.unit if isinstance(servo.angle, Angle) else None,
-        "current_raw": servo.current,
-        "temperature_raw": servo.temperature,
-        "servo_type": servo.servo_type,
-        "is_start": servo.is_start,
-        "is_hold": servo.is_hold,
-    }
+class ServoReport(Struct, frozen=True):
+    """Report of a servo; null for an unread caption, and for an unknown unit."""
+
+    servo_id: int
+    servo_caption: str | None
+    angle: int
+    angle_unit: str | None
+    current_raw: int
+    temperature_raw: int
+    servo_type: int
+    is_start: bool
+    is_hold: bool
+
+    @classmethod
+    def of(cls, servo: Servo, captions: Mapping[int, str]) -> Self:
+        """Return the report of `servo`; its caption is None unless in `captions`."""
+        caption, unit = captions.get(servo.servo_id), servo.angle.unit if isinstance(servo.angle, Angle) else None
+        sensors = servo.current, servo.temperature, servo.servo_type
+        return cls(servo.servo_id, caption, int(servo.angle), unit, *sensors, servo.is_start, servo.is_hold)
 
 
-def print_servos(servos: Iterable[Servo], *, as_json: bool, captions: Mapping[int, str]) -> None:
-    """Print the reports of servos, with the stored `captions`; captions not read are left out."""
-    if as_json:
-        print_json({"servos": [servo_object(servo, captions) for servo in servos]})
-        return
+class ServoReports(CommandResult, frozen=True):
+    """JSON of `servos`, `servo list`, `servo start`, `servo hold`, `servo release`, `stop` and `release`."""
+
+    servos: list[ServoReport]
+
+
+def servos_returned(servos: Iterable[Servo], captions: Mapping[int, str], *above: str) -> Returned:
+    """Return the reports of servos, with the stored `captions`; captions not read are left out."""
     is_named = any(captions.values())
     columns = ("servo", *(("caption",) if is_named else ()), "angle", "current (raw)", "temperature (raw)", "type")
     rows = [
@@ -127,4 +130,5 @@ def print_servos(servos: Iterable[Servo], *, as_json: bool, captions: Mapping[in
         )
         for servo in servos
     ]
-    print_table(Table((*columns, "state"), rows))
+    table = Table((*columns, "state"), rows)
+    return Returned(ServoReports([ServoReport.of(servo, captions) for servo in servos]), [*above, table])

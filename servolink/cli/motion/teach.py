@@ -16,6 +16,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from servolink.boards import BoardIdentityRecord, Measured, ProfileFile
 from servolink.cli.arguments import SERVO_NAME, file_path, number, or_caption, whole_number
 from servolink.cli.command import MOVE, Command, flag, option
 from servolink.cli.command_session import Interruption, run_with_board
@@ -23,24 +24,32 @@ from servolink.cli.motion.move import check_can_release, chosen_servos, may_rele
 from servolink.cli.motion.run import name_of_run, play, read_run, start_run
 from servolink.cli.motion.servo_output import are, listed, reported
 from servolink.cli.motion.teach_session import CaptureSession, ReleasedServos
-from servolink.cli.screen.output import counted, is_terminal, print_error, print_result, print_text
+from servolink.cli.screen.output import counted, print_error
+from servolink.cli.screen.result import CommandResult, Ending, Returned, show
 from servolink.cli.screen.terminal import can_ask, confirm
 from servolink.cli.usage import usage_error
-from servolink.client.board import Board
-from servolink.client.captions import button_id
-from servolink.client.servo_state import Servo
+from servolink.client import Board, Servo, button_id
 from servolink.errors import ConnectionLost, ProjectError, RequestRefused, ServolinkError
-from servolink.platforms.signals import handled
-from servolink.profiles.profile import BoardIdentityRecord, Measured, merge_profile
-from servolink.profiles.store import load_profile, save_profile
-from servolink.project.build import build_project, extend_project
-from servolink.project.model import Project
-from servolink.project.project_file import load_project, save_project
-from servolink.project.teaching import LONGEST, SHORTEST, PoseRecorder, refuse_duplicate
-from servolink.protocol.records import Action, Macro
-from servolink.script import FAILED, INTERRUPTED, OK
+from servolink.project import PoseRecorder, Project, build_project, extend_project, load_project, save_project
+from servolink.protocol import Action, Macro
+from servolink.support import ExitCode, Signals
 
 _SPEED_CAP = 120.0
+
+
+class PosesWritten(CommandResult, frozen=True):
+    """JSON of `teach` after the recording; `written` is the file, "on the board", or null without a pose."""
+
+    name: str
+    poses: int
+    written: str | None
+
+
+class PosesPlayed(CommandResult, frozen=True):
+    """JSON of `teach` after the poses were played."""
+
+    played: str
+    duration_seconds: float
 
 
 @Command(
@@ -59,7 +68,10 @@ _SPEED_CAP = 120.0
             or_caption(whole_number(0, 2**32 - 1)),
         ),
         option(
-            "--interval", "S", "time to each pose, in place of the time it took", number(SHORTEST, LONGEST, "seconds")
+            "--interval",
+            "S",
+            "time to each pose, in place of the time it took",
+            number(PoseRecorder.SHORTEST, PoseRecorder.LONGEST, "seconds"),
         ),
         option(
             "--speed-cap",
@@ -82,13 +94,13 @@ def run(args: argparse.Namespace) -> int:
     if args.play and args.file is not None:
         usage_error(args, "--play plays from the board; `servolink project play FILE NAME` plays from a file")
 
-    async def talk(board: Board, interruption: Interruption) -> int:
+    async def talk(board: Board, interruption: Interruption) -> Ending:
         await _check_name(board, args.name, args.file)
         servo_ids = await chosen_servos(board, args.servos)
         button = None if args.button is None else await button_id(board, args.button)
         servos = await reported(board, servo_ids)
         if not await may_release(args, interruption, listed(servo_ids) if servo_ids else "all servos"):
-            return FAILED
+            return ExitCode.FAILED
         if servo_ids:
             servos = tuple(servo for servo in servos if servo.servo_id in servo_ids)
         lesson = PoseRecorder(
@@ -99,23 +111,20 @@ def run(args: argparse.Namespace) -> int:
             seconds=args.interval,
         )
         ids = frozenset(servo.servo_id for servo in servos)
-        session = CaptureSession(board, lesson, ids, button=button, json=args.json)
+        session = CaptureSession(board, lesson, ids, button=button)
         if not await _record(session, ReleasedServos(board, servos), interruption):
             interruption.state += f"; {counted(len(lesson.poses), 'pose')} not written"
             interruption.report()
-            return INTERRUPTED
+            return ExitCode.INTERRUPTED
         if not lesson.poses:
-            print_text("no pose was recorded; nothing is written")
-            return FAILED
-        where = await _write(board, lesson, args.file)
-        print_result(
-            args,
-            {"name": args.name, "poses": len(lesson.poses), "written": where},
-            f"'{args.name}' with {counted(len(lesson.poses), 'pose')} is written: {where}",
-        )
+            none = PosesWritten(args.name, 0, None)
+            return Returned(none, "no pose was recorded; nothing is written", ExitCode.FAILED)
+        where, poses = await _write(board, lesson, args.file), len(lesson.poses)
+        written = PosesWritten(args.name, poses, where)
+        show(written, f"'{args.name}' with {counted(poses, 'pose')} is written: {where}")
         if args.file is None:
             await play_lesson(board, interruption, args, lesson)
-        return OK
+        return ExitCode.OK
 
     return run_with_board(args, talk, reconnect=True)
 
@@ -149,7 +158,7 @@ def _stop_on_signal() -> Iterator[asyncio.Event]:
             task.cancel()
         stop.set()
 
-    with handled(interrupt):
+    with Signals.ENDING.handled(interrupt):
         yield stop
 
 
@@ -160,7 +169,7 @@ def _note(text: str) -> None:
 async def _check_name(board: Board, name: str, file: Path | None) -> None:
     """Raise ProjectError if the poses could not be stored under `name`: before anything goes limp."""
     project = _in(file) if file is not None else await _outline(board)
-    refuse_duplicate(project, name)
+    PoseRecorder.refuse_duplicate(project, name)
     build_project(Action.pose(f"{name} 99", {}), Macro.of(name))
 
 
@@ -183,7 +192,7 @@ async def _write(board: Board, lesson: PoseRecorder, file: Path | None) -> str:
 
 def _taught_to(project: Project, lesson: PoseRecorder) -> Project:
     """Return `project` with the taught records. Raise ProjectError for a caption in use."""
-    refuse_duplicate(project, lesson.caption)
+    PoseRecorder.refuse_duplicate(project, lesson.caption)
     return extend_project(project, lesson.record())
 
 
@@ -226,15 +235,15 @@ async def play_lesson(board: Board, interruption: Interruption, args: argparse.N
         await _start_carefully(board, interruption, servo)
     if started:
         await _keep(board, "stays", f"{are([servo.servo_id for servo in started])} started, and none turned by that")
-    await play(board, interruption, found, shown=not args.json and is_terminal())
-    print_result(args, {"played": args.name, "duration_seconds": found.seconds()}, f"{name_of_run(found)} was played")
+    await play(board, interruption, found)
+    show(PosesPlayed(args.name, found.seconds()), f"{name_of_run(found)} was played")
 
 
 async def _is_wanted(args: argparse.Namespace, name: str) -> bool:
     """Return whether to play the taught poses now, after asking on a terminal."""
     if args.play is not None:
         return bool(args.play)
-    if args.yes or args.json or not can_ask():
+    if args.yes or not can_ask():
         return False
     return await confirm(f"Play {name} now? Its servos move; Ctrl-C stops them.")
 
@@ -272,7 +281,7 @@ async def _keep(board: Board, behaviour: str, evidence: str) -> None:
 
 
 def _update(name: str, measured: Measured) -> None:
-    if (profile := load_profile(name)) is not None:  # again: the command took a while
+    if (profile := ProfileFile(name).load()) is not None:  # again: the command took a while
         now = datetime.now(UTC).replace(microsecond=0)
-        merged = merge_profile(profile, [measured], profile.identity or BoardIdentityRecord(), now)
-        save_profile(name, replace(merged, identity=profile.identity))
+        merged = profile.merged([measured], profile.identity or BoardIdentityRecord(), now)
+        ProfileFile(name).save(replace(merged, identity=profile.identity))

@@ -9,12 +9,11 @@ from contextlib import suppress
 from typing import Literal
 
 from servolink.cli.screen.live import Draw, live_bars
-from servolink.cli.screen.output import is_terminal, print_json, print_text
+from servolink.cli.screen.result import CommandResult, print_for_people, show
 from servolink.cli.screen.terminal import single_keys
-from servolink.client.board import Board
-from servolink.client.servo_state import Servo
+from servolink.client import Board, Servo
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
-from servolink.project.teaching import PoseRecorder
+from servolink.project import PoseRecorder
 
 _SILENCE_PAUSE = 0.2  # seconds before a board that does not answer is asked again
 
@@ -67,26 +66,36 @@ _KEYS: dict[str, Wish] = {" ": "take", "\n": "take", "\r": "take", "u": "undo", 
 Wish = Literal["take", "undo", "end"]
 
 
+class PoseTaken(CommandResult, frozen=True):
+    """JSON of each pose of `teach`: number, degrees by servo id, and seconds to the pose."""
+
+    pose: int
+    degrees: dict[int, int]
+    seconds: float
+
+
+class PoseUndone(CommandResult, frozen=True):
+    """JSON of each forgotten pose of `teach`, by number."""
+
+    undone: int
+
+
 class CaptureSession:
     """Records, forgets or ends as keys and buttons of the board ask."""
 
-    def __init__(
-        self, board: Board, lesson: PoseRecorder, servo_ids: frozenset[int], *, button: int | None, json: bool
-    ) -> None:
+    def __init__(self, board: Board, lesson: PoseRecorder, servo_ids: frozenset[int], *, button: int | None) -> None:
         """Record poses of `servo_ids` at presses of `button`; None for any button."""
         self._board = board
         self._lesson = lesson
         self._servo_ids = servo_ids
         self._button = button
-        self._json = json
         self._wishes: deque[Wish] = deque()
 
     async def until(self, stop: asyncio.Event) -> None:
         """Record poses until somebody ends it or `stop` is set. Raise ConnectionLost if the board is gone."""
         listening = asyncio.create_task(self._listen())
         try:
-            bars = live_bars(self._servo_ids, shown=not self._json and is_terminal())
-            with single_keys(self._typed) as keyboard, bars as draw:
+            with single_keys(self._typed) as keyboard, live_bars(self._servo_ids) as draw:
                 self._say_how(keyboard=keyboard)
                 await self._follow(stop, draw)
         finally:
@@ -109,21 +118,14 @@ class CaptureSession:
         if wish == "take":
             degrees = {servo.servo_id: int(servo.angle) for servo in servos if servo.servo_id in self._servo_ids}
             pose = self._lesson.take(degrees, now)
-            self._tell({"pose": len(self._lesson.poses), "degrees": pose.degrees, "seconds": pose.seconds})
+            number = len(self._lesson.poses)
+            angles = ", ".join(f"servo {servo_id} {angle}°" for servo_id, angle in pose.degrees.items())
+            show(PoseTaken(number, pose.degrees, pose.seconds), f"pose {number}, {pose.seconds:g} s: {angles}")
         elif wish == "undo" and self._lesson.poses:
             self._lesson.undo()
-            self._tell({"undone": len(self._lesson.poses) + 1})
+            undone = len(self._lesson.poses) + 1
+            show(PoseUndone(undone), f"pose {undone} is forgotten")
         return wish == "end"
-
-    def _tell(self, described: dict[str, object]) -> None:
-        if self._json:
-            print_json(described)
-        elif "undone" in described:
-            print_text(f"pose {described['undone']} is forgotten")
-        else:
-            pose = self._lesson.poses[-1]
-            angles = ", ".join(f"servo {servo_id} {angle}°" for servo_id, angle in pose.degrees.items())
-            print_text(f"pose {described['pose']}, {pose.seconds:g} s: {angles}")
 
     def _typed(self, text: str) -> None:
         # The code of an arrow key starts with Esc; Esc itself comes alone.
@@ -139,9 +141,8 @@ class CaptureSession:
                     self._wishes.extend(wishes.get(event.kind, []))
 
     def _say_how(self, *, keyboard: bool) -> None:
-        if not self._json:
-            keys = "space, or " if keyboard else ""
-            ends = "q, or " if keyboard else ""
-            undoes = "; u forgets the last pose" if keyboard else ""
-            which = "a button of the board" if self._button is None else f"button {self._button} of the board"
-            print_text(f"{keys}{which} records a pose{undoes}; {ends}a long press ends")
+        keys = "space, or " if keyboard else ""
+        ends = "q, or " if keyboard else ""
+        undoes = "; u forgets the last pose" if keyboard else ""
+        which = "a button of the board" if self._button is None else f"button {self._button} of the board"
+        print_for_people(f"{keys}{which} records a pose{undoes}; {ends}a long press ends")

@@ -17,16 +17,16 @@ from servolink.cli.command_session import UNFINISHED_IMPORT, Interruption, run_w
 from servolink.cli.motion.move import chosen_servos, make_ready
 from servolink.cli.motion.run import stopped_by_interruption
 from servolink.cli.motion.servo_output import are, reported
+from servolink.cli.projects.apply import ContentChanged
 from servolink.cli.screen.live import can_draw, follow
-from servolink.cli.screen.output import Table, console, plain_lines, print_error, print_result, print_text, text_width
+from servolink.cli.screen.output import Table, console, plain_lines, print_error, print_text, text_width
+from servolink.cli.screen.result import Ending, Returned, print_for_people
 from servolink.cli.screen.terminal import can_ask, cleanup, typed_keys
+from servolink.cli.stored.change import change_parameters
 from servolink.cli.usage import usage_error
-from servolink.client.board import Board
-from servolink.client.servo_state import Servo
-from servolink.errors import EncodeError, NotFound, ProjectError, RequestRefused, ServolinkError
-from servolink.escaping import escape, quote
-from servolink.protocol.records import ServoParameter
-from servolink.script import OK
+from servolink.client import Board, Servo, servo_ids
+from servolink.errors import EncodeError, NotFound, ProjectError, RequestRefused, ServolinkError, escape, quote
+from servolink.protocol import ServoParameter
 
 _NUDGE = re.compile(r"(.+)=([+-][0-9]{1,9})", re.DOTALL | re.ASCII)
 _COARSE = 5  # degrees
@@ -81,13 +81,11 @@ def run(args: argparse.Namespace) -> int:
     """Nudge by keys or as `--set` says, then store, unless somebody leaves without it."""
     if args.nudges and args.servos:
         usage_error(args, "--set names the servos itself: leave SERVO out")
-    if not args.nudges and (args.json or not can_ask() or not can_draw()):
+    if not args.nudges and (not can_ask() or not can_draw()):
         why = "servos are nudged by keys, which needs an interactive terminal"
         usage_error(args, f"{why}; without one, use --set SERVO=+N")
 
-    async def talk(board: Board, interruption: Interruption) -> int:
-        from servolink.cli.stored.change import change_parameters
-
+    async def talk(board: Board, interruption: Interruption) -> Ending:
         if await board.has_unfinished_import():
             raise ProjectError(f"{UNFINISHED_IMPORT}; no servo was moved, and {_UNSTORED}")
         nudges = await _nudges(args, board)
@@ -95,23 +93,20 @@ def run(args: argparse.Namespace) -> int:
         servos = [servo for servo in await reported(board, ids) if not ids or servo.servo_id in ids]
         stored = {one.servo_id: one for one in await board.servo_parameters()}
         session = TrimSession(board, servos, stored)
-        await _check(board, session, nudges, servos)
+        await _check(board, session, nudges, servos, start=args.start)
         await make_ready(board, servos, interruption, start=args.start)
         work = _as_given(args, board, session, nudges, servos) if nudges else _by_keys(board, session)
         wanted = await _moving(work, board, interruption, session)
         interruption.state = f"{session.described()}; {_UNSTORED}"
         if wanted and session.corrections():
             return await change_parameters(args, board, interruption, session.changes())
-        print_result(args, {"changed": False}, interruption.state)
-        return OK
+        return Returned(ContentChanged(changed=False), interruption.state)
 
     return run_with_board(args, talk, greet=False, state=f"no servo was moved, and {_UNSTORED}")
 
 
 async def _nudges(args: argparse.Namespace, board: Board) -> dict[int, int]:
     """Return the degrees of `--set`, by servo id."""
-    from servolink.client.captions import servo_ids
-
     ids = await servo_ids(board, [servo for servo, _ in args.nudges])
     nudges = dict(zip(ids, (degrees for _, degrees in args.nudges), strict=True))
     if len(nudges) < len(ids):
@@ -121,11 +116,13 @@ async def _nudges(args: argparse.Namespace, board: Board) -> dict[int, int]:
     return nudges
 
 
-async def _check(board: Board, session: TrimSession, nudges: dict[int, int], servos: list[Servo]) -> None:
+async def _check(
+    board: Board, session: TrimSession, nudges: dict[int, int], servos: list[Servo], *, start: bool
+) -> None:
     """Raise EncodeError, or MotionRefused, for a nudge of `--set` that is not possible, before anything moves."""
     targets = {servo.servo_id: session.check(servo.servo_id, nudges.get(servo.servo_id, 0)) for servo in servos}
     if nudges:
-        await board.move(targets, speed=SPEED, dry_run=True)
+        await board.move(targets, speed=SPEED, dry_run=True, start=start)
 
 
 async def _moving(work: Awaitable[bool], board: Board, interruption: Interruption, session: TrimSession) -> bool:
@@ -147,9 +144,7 @@ async def _as_given(
 ) -> bool:
     """Nudge as `--set` says, and wait until the servos have arrived."""
     targets = {servo.servo_id: session.check(servo.servo_id, nudges[servo.servo_id]) for servo in servos}
-    if not args.json:
-        for servo in servos:
-            print_text(f"servo {servo.servo_id} moves from {servo.angle}° to {targets[servo.servo_id]}°")
+    print_for_people([f"servo {one.servo_id} moves from {one.angle}° to {targets[one.servo_id]}°" for one in servos])
     for servo_id, degrees in nudges.items():
         await session.nudge(servo_id, degrees)
     longest = max(map(abs, nudges.values()), default=0) / SPEED

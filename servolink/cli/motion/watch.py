@@ -8,26 +8,26 @@ import csv
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TypeAlias
+
+from msgspec import Struct
 
 from servolink.cli.arguments import SERVO_NAME, alarm, new_file, number
 from servolink.cli.command import MOVE, Command, flag, option
 from servolink.cli.command_session import ENDLESS, KEEP_MODE, Interruption, is_answered, refuse_unasked, run_with_board
+from servolink.cli.motion.events import ButtonShown
 from servolink.cli.motion.move import chosen_servos
-from servolink.cli.motion.servo_output import known_captions, reported, servo_object
+from servolink.cli.motion.servo_output import ServoReport, known_captions, reported
 from servolink.cli.screen.live import can_draw, pictures
-from servolink.cli.screen.output import angle_text, print_error, print_json, print_text
+from servolink.cli.screen.output import angle_text, print_error
+from servolink.cli.screen.result import CommandResult, print_for_people, show
 from servolink.cli.screen.servo_picture import Watched, picture
 from servolink.cli.screen.terminal import confirm, until_quit
 from servolink.cli.usage import usage_error
-from servolink.client.alarms import Alarm, RaisedAlarm
+from servolink.client import Alarm, Board, RaisedAlarm
 from servolink.errors import ConnectionLost, NotFound, ServolinkError
-from servolink.files import open_file, reason
-from servolink.motion.angles import Angle
-from servolink.script import FAILED, OK
-
-if TYPE_CHECKING:  # and imported late: `--help` needs none of it
-    from servolink.client.board import Board
+from servolink.motion import Angle
+from servolink.support import ExitCode, open_file, reason
 
 _MOST_HZ = 50.0
 _BATTERY_EVERY = 10.0  # seconds
@@ -80,15 +80,14 @@ def run(args: argparse.Namespace) -> int:
     async def talk(board: Board, interruption: Interruption) -> int:
         if asks and not await confirm(f"{args.csv} exists. Replace it?"):
             print_error(f"servolink: {args.csv} was not replaced")
-            return FAILED
+            return ExitCode.FAILED
         watched = await _begin(board, args)
         if args.seconds is None:
-            interruption.code = OK
+            interruption.code = ExitCode.OK
         with ExitStack() as stack:
             write = stack.enter_context(csv_file(watched, args.csv)) if args.csv else None
-            on_screen = not args.json and can_draw()
-            output = stack.enter_context(screen(watched)) if on_screen else ReadingPrinter(watched, as_json=args.json)
-            return await _Watch(board, watched, args, output, interruption).run(write)
+            output = stack.enter_context(screen(watched)) if can_draw() else ReadingPrinter(watched)
+            return await _ReadingLoop(board, watched, args, output, interruption).run(write)
 
     return run_with_board(args, talk, reconnect=True)
 
@@ -109,11 +108,11 @@ async def _begin(board: Board, args: argparse.Namespace) -> Watched:
     return watched
 
 
-class _Watch:
+class _ReadingLoop:
     """Reads a board and shows the reports of the board."""
 
     def __init__(
-        self, board: Board, watched: Watched, args: argparse.Namespace, output: Output, interruption: Interruption
+        self, board: Board, watched: Watched, args: argparse.Namespace, output: Shows, interruption: Interruption
     ) -> None:
         self._board = board
         self._watched = watched
@@ -126,7 +125,7 @@ class _Watch:
         """Show readings, and `write` each of them, until the end. Return the exit code."""
         tasks = [asyncio.create_task(each) for each in (self._states(), self._battery(), self._buttons())]
         try:
-            code = OK
+            code: int = ExitCode.OK
             async with until_quit(self._args.seconds):
                 code = await self._readings(write)
             return code  # noqa: RET504 - OK when the time is over
@@ -148,7 +147,7 @@ class _Watch:
                 self._output.alarms(reading.alarms)
                 if any(raised.alarm.stops for raised in reading.alarms):
                     self._interruption.state = "an alarm has sent a stop to all servos"
-        return OK
+        return ExitCode.OK
 
     async def _states(self) -> None:
         """Report when the connection is lost, and when it is back."""
@@ -183,18 +182,8 @@ class _Watch:
 
 _PICTURE_EVERY = 0.05  # seconds, at most
 
-
-class Output(Protocol):
-    """Shows what is known of a watched board."""
-
-    def reading(self) -> None:
-        """Show the latest reading, with buttons and alarms."""
-
-    def note(self, text: str) -> None:
-        """Show that something has happened to the connection."""
-
-    def alarms(self, alarms: Sequence[RaisedAlarm]) -> None:
-        """Show the alarms of the latest reading, which has been shown."""
+Shows: TypeAlias = "ReadingPrinter | Screen"
+"""Output of a watch: it shows readings, and notes about the connection."""
 
 
 class ReadingPrinter:
@@ -203,21 +192,19 @@ class ReadingPrinter:
     Notes are on standard error.
     """
 
-    def __init__(self, watched: Watched, *, as_json: bool) -> None:
+    def __init__(self, watched: Watched) -> None:
         self._watched = watched
-        self._as_json = as_json
-        if not as_json:
-            print_text(f"{'seconds':>9}  servo  {'angle':>8}  current_raw  temperature_raw  state")
+        print_for_people(f"{'seconds':>9}  servo  {'angle':>8}  current_raw  temperature_raw  state")
 
     def reading(self) -> None:
         """Print the latest reading."""
-        if self._as_json:
-            print_json(_described(self._watched))
-            return
+        show(_described(self._watched), self._lines())
+
+    def _lines(self) -> Iterator[str]:
         for seconds, event in self._watched.new_buttons:
-            print_text(f"{seconds:9.3f}  button {event.button_id} {event.kind}")
+            yield f"{seconds:9.3f}  button {event.button_id} {event.kind}"
         for servo in self._watched.servos:
-            print_text(
+            yield (
                 f"{self._watched.seconds:9.3f}  {servo.servo_id:5}  {angle_text(servo.angle):>8}  {servo.current:11}  "
                 f"{servo.temperature:15}  {servo.state}"
             )
@@ -232,25 +219,48 @@ class ReadingPrinter:
             self.note(f"{raised}{'; stopping all servos' if raised.alarm.stops else ''}")
 
 
-def _described(watched: Watched) -> dict[str, Any]:
-    """Return the latest reading, with buttons and alarms, for `--json`."""
+class RaisedBy(Struct, frozen=True):
+    """Alarm with servo and value."""
+
+    alarm: str
+    servo_id: int
+    value_raw: int
+
+
+class WatchedReading(CommandResult, frozen=True):
+    """JSON of each line of `watch`: a reading, with the buttons and alarms since the one before."""
+
+    seconds: float
+    servos: list[ServoReport]
+    missed: int
+    battery_percent: float | None
+    button_events: list[ButtonShown]
+    alarms: list[RaisedBy]
+    noise_bytes: int
+    late_responses: int
+    retries: int
+    reconnects: int
+
+
+def _described(watched: Watched) -> WatchedReading:
+    """Return the latest reading, with buttons and alarms."""
     reading, stats = watched.reading, watched.stats
     alarms = reading.alarms if reading else ()
-    return {
-        "seconds": round(watched.seconds, 3),
-        "servos": [servo_object(servo, watched.captions) for servo in watched.servos],
-        "missed": reading.missed if reading else 0,
-        "battery_percent": watched.battery,
-        "button_events": [
-            {"seconds": round(seconds, 3), "button_id": event.button_id, "event": event.event, "kind": event.kind}
+    return WatchedReading(
+        round(watched.seconds, 3),
+        [ServoReport.of(servo, watched.captions) for servo in watched.servos],
+        reading.missed if reading else 0,
+        watched.battery,
+        [
+            ButtonShown(round(seconds, 3), event.button_id, event.event, event.kind)
             for seconds, event in watched.new_buttons
         ],
-        "alarms": [{"alarm": str(one.alarm), "servo_id": one.servo_id, "value_raw": one.value} for one in alarms],
-        "noise_bytes": watched.skipped_bytes,
-        "late_responses": stats.late_responses,
-        "retries": stats.retries,
-        "reconnects": stats.reconnects,
-    }
+        [RaisedBy(str(one.alarm), one.servo_id, one.value) for one in alarms],
+        watched.skipped_bytes,
+        stats.late_responses,
+        stats.retries,
+        stats.reconnects,
+    )
 
 
 class Screen:

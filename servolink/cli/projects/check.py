@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Iterator
 
+from servolink.boards import ProfileFile, ProfileInUse
 from servolink.cli.arguments import SERVO_NAME, whole_number
 from servolink.cli.command import Command, flag, option
 from servolink.cli.projects.source import SOURCE, is_address, with_project
-from servolink.cli.screen.output import counted, print_json, print_text
+from servolink.cli.screen.output import counted
+from servolink.cli.screen.result import CommandResult, Ending, Part, Returned
 from servolink.cli.usage import usage_error
-from servolink.escaping import quote
-from servolink.motion.movement import INTERVAL_UNIT
-from servolink.profiles.profile import ProfileInUse
-from servolink.project.fix import fix_project
-from servolink.project.model import Project
-from servolink.project.preflight import preflight
-from servolink.project.project_file import read_project_file, save_repaired
-from servolink.project.record_lookup import find, find_servo
-from servolink.project.validate import Diagnostic, validate_project
-from servolink.protocol.record_types import ACTION, MACRO
-from servolink.protocol.servos import ALL_SERVOS
-from servolink.script import FAILED, OK
+from servolink.errors import quote
+from servolink.motion import INTERVAL_UNIT
+from servolink.project import Diagnostic, Project, ProjectFile, fix_project, preflight, validate_project
+from servolink.protocol import ACTION, ALL_SERVOS, MACRO
+from servolink.support import ExitCode
 
 _IDS = re.compile(r"([0-9]{1,3})(?:-([0-9]{1,3}))?", re.ASCII)
 _STYLES = {"error": "red", "warning": "yellow"}
@@ -53,20 +49,20 @@ def _servo_ids(text: str) -> frozenset[int]:
     ),
     takes_board=False,
 )
-def run_check(args: argparse.Namespace) -> int:
+def run_check(args: argparse.Namespace) -> Ending:
     """Print a line for each problem; return 0 if none is left, else 1."""
     if args.fix and is_address(args.source):
         usage_error(args, "--fix repairs files; `servolink export` writes one from a board")
     if args.speed_cap is not None and not args.speed_cap > 0:
         usage_error(args, "--speed-cap must be above 0 degrees per second")
 
-    def check(project: Project) -> int:
+    def check(project: Project) -> Returned:
         fixes: list[str] = []
         if args.fix:
             result, fixes = fix_project(project)
             if fixes:
-                unchecked = read_project_file(args.source, unchecked=True).unchecked
-                save_repaired(args.source, result, unchecked=unchecked)
+                unchecked = ProjectFile.read(args.source, unchecked=True).unchecked
+                ProjectFile(result, unchecked=unchecked).write(args.source)
                 project = result
         found = validate_project(
             project,
@@ -75,25 +71,33 @@ def run_check(args: argparse.Namespace) -> int:
             memory=args.memory,
             caption_encoding=args.caption_encoding or "utf-8",
         )
-        _print(args, found, fixes)
-        return FAILED if found else OK
+        code = ExitCode.FAILED if found else ExitCode.OK
+        return Returned(ProjectChecked(not found, found, fixes), _text(args, found, fixes), code)
 
     return with_project(args, check)
 
 
-def _print(args: argparse.Namespace, found: list[Diagnostic], fixes: list[str]) -> None:
-    if args.json:
-        listed = [
-            {"path": one.path, "text": one.text, "severity": one.severity, "fixable": one.fixable} for one in found
-        ]
-        print_json({"ok": not found, "problems": listed, "fixes": fixes})
-        return
-    for fix in fixes:
-        print_text(f"fixed: {fix}", "green")
+class ProjectChecked(CommandResult, frozen=True):
+    """JSON of `project check`; `fixes` are the repairs of --fix."""
+
+    ok: bool
+    problems: list[Diagnostic]
+    fixes: list[str]
+
+
+def _text(args: argparse.Namespace, found: list[Diagnostic], fixes: list[str]) -> Iterator[Part]:
+    yield from ((f"fixed: {fix}", "green") for fix in fixes)
     for one in found:
         repair = " (--fix repairs it)" if one.fixable and not args.fix else ""
-        print_text(f"{one.severity}: {one}{repair}", _STYLES[one.severity])
-    print_text(f"{args.source}: {counted(len(found), 'problem') if found else 'no problems'}")
+        yield f"{one.severity}: {one}{repair}", _STYLES[one.severity]
+    yield f"{args.source}: {counted(len(found), 'problem') if found else 'no problems'}"
+
+
+class ProjectPreflight(CommandResult, frozen=True):
+    """JSON of `project preflight`: each finding with place and text."""
+
+    ok: bool
+    findings: list[dict[str, str]]
 
 
 _NUMBER = r"[+-]?[0-9]{1,5}(?:\.[0-9]{1,3})?"
@@ -130,7 +134,7 @@ def _servo_limit(text: str) -> tuple[int | str, tuple[float, float]]:
     ),
     takes_board=False,
 )
-def run_preflight(args: argparse.Namespace) -> int:
+def run_preflight(args: argparse.Namespace) -> Ending:
     """Print the movements that are too fast or go too far; return 0 if there are none, else 1."""
     if args.speed_cap is None and not args.limit and not args.servo_limit and args.profile is None:
         usage_error(args, "give --profile, --speed-cap, --limit or --servo-limit, with which movements are compared")
@@ -141,11 +145,11 @@ def run_preflight(args: argparse.Namespace) -> int:
     for_all = tuple(args.limit) if args.limit else None
     profile = None if args.profile is None else _profile(args)
 
-    def examine(project: Project) -> int:
-        record = find(project, args.record, (ACTION, MACRO)) if args.record else None
-        pose = find(project, args.start, (ACTION,)) if args.start else None
+    def examine(project: Project) -> Returned:
+        record = project.find(args.record, (ACTION, MACRO)) if args.record else None
+        pose = project.find(args.start, (ACTION,)) if args.start else None
         limits = dict.fromkeys(range(ALL_SERVOS), for_all) if for_all else {}
-        limits |= {find_servo(project, servo): allowed for servo, allowed in args.servo_limit}
+        limits |= {project.find_servo(servo): allowed for servo, allowed in args.servo_limit}
         found = preflight(
             project,
             None if record is None else [record],
@@ -155,21 +159,15 @@ def run_preflight(args: argparse.Namespace) -> int:
             interval_unit=(profile and profile.settings.interval_unit) or INTERVAL_UNIT,
             start=None if pose is None else {step.servo_id: step.degree for step in pose.steps},
         )
-        if args.json:
-            print_json({"ok": not found, "findings": [{"path": one.path, "text": one.text} for one in found]})
-        else:
-            for one in found:
-                print_text(str(one))
-            print_text(counted(len(found), "finding") if found else "no findings")
-        return FAILED if found else OK
+        text = [*map(str, found), counted(len(found), "finding") if found else "no findings"]
+        value = ProjectPreflight(not found, [{"path": one.path, "text": one.text} for one in found])
+        return Returned(value, text, ExitCode.FAILED if found else ExitCode.OK)
 
     return with_project(args, examine)
 
 
 def _profile(args: argparse.Namespace) -> ProfileInUse:
     """Return the profile named by `--profile`; a missing profile is wrong usage."""
-    from servolink.profiles.store import load_profile
-
-    if (profile := load_profile(args.profile)) is None:
+    if (profile := ProfileFile(args.profile).load()) is None:
         usage_error(args, f"{quote(args.profile)} has no profile; `servolink board` lists those that there are")
     return ProfileInUse(args.profile, profile)

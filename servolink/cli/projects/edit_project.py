@@ -7,38 +7,38 @@ import argparse
 from servolink.cli.arguments import SERVO_NAME, file_path, new_file, number, or_caption, whole_number
 from servolink.cli.command import Command, option
 from servolink.cli.projects.source import FORCE, OUTPUT, SOURCE, with_project, write_edited, write_new
-from servolink.cli.screen.output import counted, print_result
+from servolink.cli.screen.output import counted
+from servolink.cli.screen.result import CommandResult, Ending, Returned
 from servolink.cli.usage import usage_error
-from servolink.escaping import quote
-from servolink.project.adjust import rename_record, rename_servo, scale_project
-from servolink.project.build import build_project
-from servolink.project.fix import fix_project
-from servolink.project.merge import merge_projects
-from servolink.project.mirror import Mirror, mirror_by_captions, mirror_project
-from servolink.project.model import Project
-from servolink.project.project_file import load_project, schema_text
-from servolink.project.record_lookup import find, find_servo
-from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES
-from servolink.protocol.records import Action
-from servolink.script import OK
+from servolink.errors import quote
+from servolink.project import (
+    Mirror,
+    Project,
+    ProjectFile,
+    build_project,
+    fix_project,
+    load_project,
+    merge_projects,
+    mirror_by_captions,
+    mirror_project,
+    rename_record,
+    rename_servo,
+    scale_project,
+)
+from servolink.protocol import ACTION, MACRO, RECORD_TYPES, Action
+from servolink.support import ExitCode
 
 
 def _scaled(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
-    actions = [find(project, name, (ACTION,)).action_id for name in args.actions]
+    actions = [project.find(name, (ACTION,)).action_id for name in args.actions]
     result, changes = scale_project(project, args.factor, actions or None)
     result, fixes = fix_project(result)
     return result, changes + fixes
 
 
-def run_edit(args: argparse.Namespace) -> int:
+def run_edit(args: argparse.Namespace) -> Ending:
     """Write the edited project."""
-    edit = args.edit
-
-    def write(project: Project) -> int:
-        result, changes = edit(args, project)
-        return write_edited(args, project, result, changes)
-
-    return with_project(args, write)
+    return with_project(args, lambda project: write_edited(args, project, *args.edit(args, project)))
 
 
 PROJECT_SCALE_TIME = Command(
@@ -76,10 +76,10 @@ PROJECT_MERGE = Command(
 
 def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
     if args.kind == "servo":
-        return rename_servo(project, find_servo(project, args.record), args.caption)
+        return rename_servo(project, project.find_servo(args.record), args.caption)
     kind = next(kind for kind in RECORD_TYPES if kind.label.endswith(args.kind))
     is_id = isinstance(args.record, int)
-    record = kind.record_class(args.record) if is_id else find(project, args.record, (kind,))
+    record = kind.record_class(args.record) if is_id else project.find(args.record, (kind,))
     return rename_record(project, record, args.caption)
 
 
@@ -151,14 +151,14 @@ def _servos(text: str) -> tuple[int | str, ...]:
     ),
     takes_board=False,
 )
-def run_mirror(args: argparse.Namespace) -> int:
+def run_mirror(args: argparse.Namespace) -> Ending:
     """Write the project with the mirror images."""
     return with_project(args, lambda project: _mirror(args, project))
 
 
-def _mirror(args: argparse.Namespace, project: Project) -> int:
-    records = [find(project, name, (ACTION, MACRO)) for name in args.records]
-    same_sign = [find_servo(project, servo) for servo in args.same_sign]
+def _mirror(args: argparse.Namespace, project: Project) -> Returned:
+    records = [project.find(name, (ACTION, MACRO)) for name in args.records]
+    same_sign = [project.find_servo(servo) for servo in args.same_sign]
     if args.map is None:
         mirror = mirror_by_captions(project, records, same_sign)
     else:
@@ -177,11 +177,19 @@ def _partners(args: argparse.Namespace, project: Project) -> dict[int, int]:
     """Return the pairs of `--map` by id, in both directions."""
     partners: dict[int, int] = {}
     for pair in args.map:
-        one, other = (find_servo(project, servo) for servo in pair)
+        one, other = (project.find_servo(servo) for servo in pair)
         for servo_id, partner in ((one, other), (other, one)):
             if partners.setdefault(servo_id, partner) != partner:
                 usage_error(args, f"servo {servo_id} has two partners in --map")
     return partners
+
+
+class ProjectMade(CommandResult, frozen=True):
+    """JSON of `project new`: how many servos and actions the file has."""
+
+    file: str
+    servos: int
+    actions: int
 
 
 _SERVOS = 16
@@ -205,18 +213,14 @@ def _count(text: str) -> int:
     ),
     takes_board=False,
 )
-def run_new(args: argparse.Namespace) -> int:
+def run_new(args: argparse.Namespace) -> Returned:
     """Write a project with a caption for each servo, and a pose with all servos at 0 degrees."""
     servo_ids = range(1, args.servos + 1)
     rest = Action.pose("Rest", dict.fromkeys(servo_ids, 0), seconds=1.0)
     project = build_project(rest, captions={servo_id: f"servo {servo_id}" for servo_id in servo_ids})
     write_new(args, args.file, project)
-    print_result(
-        args,
-        {"file": str(args.file), "servos": args.servos, "actions": len(project.actions)},
-        f"{args.file}: written, with {counted(args.servos, 'servo')} and action 1 'Rest'",
-    )
-    return OK
+    text = f"{args.file}: written, with {counted(args.servos, 'servo')} and action 1 'Rest'"
+    return Returned(ProjectMade(str(args.file), args.servos, len(project.actions)), text)
 
 
 @Command(
@@ -224,5 +228,5 @@ def run_new(args: argparse.Namespace) -> int:
 )
 def run_schema(args: argparse.Namespace) -> int:
     """Print the schema, which is JSON with `--json` and without."""
-    print(schema_text(), end="")
-    return OK
+    print(ProjectFile.schema_text(), end="")
+    return ExitCode.OK

@@ -5,22 +5,46 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from msgspec import Struct
 from msgspec.structs import replace
 
 from servolink.cli.arguments import new_file
 from servolink.cli.command import PROJECTS, Command, flag, option
 from servolink.cli.command_session import KEEP_MODE, Interruption, agreed, refuse_unasked, run_with_board
 from servolink.cli.screen.live import shown_progress
-from servolink.cli.screen.output import Table, counted, print_error, print_json, print_result, print_table, print_text
-from servolink.client.board import Board
-from servolink.errors import ProjectError
-from servolink.escaping import escape
-from servolink.project.model import Project, is_unfinished
-from servolink.project.project_file import load_project, save_project
-from servolink.project.transfer.backups import BackupStore
-from servolink.project.validate import validate_project
-from servolink.protocol.record_types import STORED_TYPES
-from servolink.script import FAILED, OK
+from servolink.cli.screen.output import Table, counted, print_error
+from servolink.cli.screen.result import CommandResult, Ending, Returned
+from servolink.client import Board
+from servolink.errors import ProjectError, escape
+from servolink.project import UNFINISHED, BackupStore, Project, load_project, save_project, validate_project
+from servolink.protocol import STORED_TYPES
+from servolink.support import ExitCode
+
+
+class ContentExported(CommandResult, frozen=True, kw_only=True):
+    """JSON of `export`, with the number of records of each type."""
+
+    file: str
+    project_id: int
+    actions: int
+    macros: int
+    joystick_tables: int
+    servo_parameters: int
+
+
+class KeptBackup(Struct, frozen=True):
+    """Backup of a board, made at `time`, in ISO 8601."""
+
+    number: int
+    time: str
+    board: str
+    file: str
+
+
+class KeptBackups(CommandResult, frozen=True):
+    """JSON of `backups`, the newest last."""
+
+    backups: list[KeptBackup]
 
 
 @Command(
@@ -40,29 +64,27 @@ def run_export(args: argparse.Namespace) -> int:
     if is_there := args.file.exists():
         refuse_unasked(args, f"{args.file} exists; --yes replaces it")
 
-    async def talk(board: Board, interruption: Interruption) -> int:
+    async def talk(board: Board, interruption: Interruption) -> Ending:
         if is_there and not await agreed(args, interruption, f"{args.file} exists. Replace it?"):
-            return FAILED
-        with shown_progress(board, quiet=args.json) as on_progress:
+            return ExitCode.FAILED
+        with shown_progress(board) as on_progress:
             project = await board.export_project(on_progress=on_progress)
-        if is_unfinished(project.project_id):  # the id of an interrupted import, which no file may give to a board
+        if project.project_id in UNFINISHED:  # the id of an interrupted import, which no file may give to a board
             project = replace(project, project_id=0)
         odd = _first_error(project, board.codec.caption_encoding)
         save_project(args.file, project, unchecked=bool(odd))
         interruption.state = f"{args.file} is written"
         counts = {kind.field: len(getattr(project, kind.field)) for kind in STORED_TYPES}
         texts = ", ".join(counted(counts[kind.field], kind.label) for kind in STORED_TYPES)
-        print_result(
-            args,
-            {"file": str(args.file), "project_id": project.project_id, **counts},
-            f"{args.file}: project {project.project_id or 'without id'}, {texts}",
-        )
         if odd:
             print_error(
                 "servolink: the board holds values outside the ranges written by servolink, such as "
                 f"{escape(odd)}; `servolink apply` of this file writes them as they are"
             )
-        return OK
+        return Returned(
+            ContentExported(file=str(args.file), project_id=project.project_id, **counts),
+            f"{args.file}: project {project.project_id or 'without id'}, {texts}",
+        )
 
     return run_with_board(args, talk, state=f"{args.file} was not written")
 
@@ -93,23 +115,17 @@ def _refuse_other_files(path: Path) -> None:
     examples=("backups", "backups --json"),
     takes_board=False,
 )
-def run_backups(args: argparse.Namespace) -> int:
+def run_backups(_: argparse.Namespace) -> Returned:
     """List all backups, the newest last."""
     store = BackupStore()
     backups = store.backups()
-    if args.json:
-        described = [
-            {"number": backup.number, "time": backup.time.isoformat(), "board": backup.board, "file": str(backup.path)}
-            for backup in backups
-        ]
-        print_json({"backups": described})
-    elif backups:
-        rows = [(backup.number, f"{backup.time:%Y-%m-%d %H:%M:%S} UTC", backup.board) for backup in backups]
-        print_table(Table(("number", "made", "board"), rows))
-        print_text(f"in {backups[-1].path.parent}; `servolink rollback NUMBER` restores one")
-    else:
-        print_text(f"there are no backups in {store.folder}; `servolink apply` saves one before it changes a board")
-    return OK
+    value = KeptBackups([KeptBackup(one.number, one.time.isoformat(), one.board, str(one.path)) for one in backups])
+    if not backups:
+        none = f"there are no backups in {store.folder}; `servolink apply` saves one before it changes a board"
+        return Returned(value, none)
+    rows = [(backup.number, f"{backup.time:%Y-%m-%d %H:%M:%S} UTC", backup.board) for backup in backups]
+    where = f"in {backups[-1].path.parent}; `servolink rollback NUMBER` restores one"
+    return Returned(value, [Table(("number", "made", "board"), rows), where])
 
 
 def backup_named(name: str) -> Path:

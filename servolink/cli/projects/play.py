@@ -5,45 +5,30 @@ from __future__ import annotations
 import argparse
 import asyncio
 import shutil
-import sys
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
+
+from msgspec import UNSET, Struct, UnsetType
 
 from servolink.cli.arguments import not_empty
 from servolink.cli.command import Command, flag, group, option
 from servolink.cli.command_session import Interruption, run_interruptible, run_with_board
-from servolink.cli.motion.move import DEFAULT_SPEED, LIMITS, limits_of, make_ready
+from servolink.cli.motion.move import ANY_ANGLE, DEFAULT_SPEED, LIMITS, limits_of
 from servolink.cli.motion.run import stopped_by_interruption
 from servolink.cli.motion.servo_output import are, listed
 from servolink.cli.projects.source import SOURCE, is_address, with_project
-from servolink.cli.screen.live import live_bars, redrawn
-from servolink.cli.screen.output import (
-    Table,
-    console,
-    is_terminal,
-    plain_lines,
-    print_error,
-    print_json,
-    print_table,
-    print_text,
-    text_width,
-)
+from servolink.cli.screen.live import draws_progress, live_bars, redrawn
+from servolink.cli.screen.output import Table, console, is_terminal, plain_lines, print_error, text_width
+from servolink.cli.screen.result import CommandResult, Ending, Part, Returned
 from servolink.cli.screen.terminal import cleanup, single_keys
 from servolink.cli.usage import named_board, usage_error
+from servolink.client import Board, Playback, Servo
 from servolink.errors import ProjectError
-from servolink.project.model import Project
-from servolink.project.record_lookup import by_servo, by_type, find, name_of, servos_used
-from servolink.protocol.record_types import ACTION, MACRO, type_of
-from servolink.protocol.records import Action, Macro
-from servolink.protocol.servos import ServoState
-from servolink.script import OK
-from servolink.virtual.dry_run import DryMove, DryRun, Timeline
-
-if TYPE_CHECKING:  # and imported late: `--help` needs none of it
-    from servolink.client.board import Board
-    from servolink.client.playing import Playback
-    from servolink.client.servo_state import Servo
+from servolink.project import Project, name_of
+from servolink.protocol import ACTION, MACRO, Action, Macro, RecordType, ServoState
+from servolink.support import ExitCode
+from servolink.virtual import DryMove, DryRun, Timeline
 
 _PLAYED = (ACTION, MACRO)
 _PAUSE = 0.04  # seconds between two drawings
@@ -70,21 +55,23 @@ _PAUSE = 0.04  # seconds between two drawings
                 dest="on_board",
             ),
             flag("--start", "start and hold servos that are stopped or released"),
+            ANY_ANGLE,
         ),
         *LIMITS,
     ),
     takes_board=False,
 )
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Ending:
     """Play the record on a board, or else as a dry run, in which all servos start at 0 degrees."""
     if is_address(args.source) and not args.source.startswith("virtual:"):
         usage_error(args, "play reads a file; export the project of the board first, and play the file")
     if board := _board(args):
         args.url = board
-        return with_project(args, lambda project: play_on_board(args, project, find(project, args.record, _PLAYED)))
-    if args.start or args.limit or args.speed_cap or args.soft_start:
-        usage_error(args, "--start, --limit, --speed-cap and --soft-start are for a robot: name it with --board")
-    with_bars = is_terminal() and not args.json and not args.fast
+        return with_project(args, lambda project: play_on_board(args, project, project.find(args.record, _PLAYED)))
+    if args.start or args.any_angle or args.limit or args.speed_cap or args.soft_start:
+        options = "--start, --any-angle, --limit, --speed-cap and --soft-start"
+        usage_error(args, f"{options} are for a robot: name it with --board")
+    with_bars = is_terminal() and not args.fast
     return with_project(args, lambda project: _play(args, project, with_bars=with_bars))
 
 
@@ -97,27 +84,23 @@ def _board(args: argparse.Namespace) -> str | None:
     return named_board(args) if named is None else named
 
 
-def _play(args: argparse.Namespace, project: Project, *, with_bars: bool) -> int:
-    record = find(project, args.record, _PLAYED)
+def _play(args: argparse.Namespace, project: Project, *, with_bars: bool) -> Ending:
+    record = project.find(args.record, _PLAYED)
     try:
         timeline = _dry_run(project).play(record)
     except ProjectError as error:
         raise ProjectError(f"{name_of(record)}: {error}; `servolink project check` explains it") from error
     if with_bars:
-        ended = run_interruptible(
+        code = run_interruptible(
             lambda interruption: _show(_dry_run(project), record, timeline), "only a virtual board was moved"
         )
-        if ended != OK:
-            return ended
-    if args.json:
-        print_json(_described(record, timeline))
-    else:
-        _print(project, record, timeline)
-    return OK
+        if code != ExitCode.OK:
+            return code
+    return Returned(_chart(record, timeline), _text(project, record, timeline))
 
 
 def _dry_run(project: Project) -> DryRun:
-    by_type(project)  # refuses duplicate ids: the board would play either record
+    project.by_type()  # refuses duplicate ids: the board would play either record
     servo_ids = {step.servo_id for action in project.actions for step in action.steps}
     servo_ids |= {one.servo_id for one in project.servo_parameters}
     return DryRun(project.actions, project.macros, sorted(servo_ids))
@@ -136,55 +119,73 @@ async def _show(dry_run: DryRun, record: Action | Macro, timeline: Timeline) -> 
             dry_run.hardware.advance(elapsed)
             states = [servo.state() for servo in dry_run.hardware.servos.values()]
             draw(elapsed, [_servo(state) for state in states])
-    return OK
+    return ExitCode.OK
 
 
 def _servo(state: ServoState) -> Servo:
-    from servolink.client.servo_state import Servo
-
     reported = (state.servo_id, state.angle, state.current, state.temperature, state.servo_type)
     return Servo(*reported, is_start=bool(state.is_start), is_hold=bool(state.is_hold))
 
 
-def _print(project: Project, record: Action | Macro, timeline: Timeline) -> None:
-    captions = {servo_id: one.servo_caption for servo_id, one in by_servo(project).items()}
+def _text(project: Project, record: Action | Macro, timeline: Timeline) -> Iterator[Part]:
+    captions = {servo_id: one.servo_caption for servo_id, one in project.by_servo().items()}
     whole = "" if timeline.is_whole else "; the chart shows only the beginning"
-    print_text(f"{name_of(record)} takes {timeline.seconds:g} s{whole}", "bold")
+    yield f"{name_of(record)} takes {timeline.seconds:g} s{whole}", "bold"
     if not timeline.moves:
-        print_text("no servo moves")
+        yield "no servo moves"
         return
-    print_text("")
-    for line in chart(timeline, captions, shutil.get_terminal_size((100, 24)).columns):
-        print_text(line)
-    print_text("")
+    yield from ("", *chart(timeline, captions, shutil.get_terminal_size((100, 24)).columns), "")
     moved = sorted({move.servo_id for move in timeline.moves})
     rows = [(servo_id, captions.get(servo_id, ""), round(timeline.angles[servo_id])) for servo_id in moved]
-    print_table(Table(("servo", "", "at the end"), rows))
+    yield Table(("servo", "", "at the end"), rows)
 
 
-def _described(record: Action | Macro, timeline: Timeline) -> dict[str, Any]:
-    kind = type_of(record)
-    return {
-        "kind": kind.label,
-        "id": kind.id_of(record),
-        "caption": kind.caption_of(record),
-        "duration_seconds": round(timeline.seconds, 3),
-        "is_whole": timeline.is_whole,
-        "moves": [
-            {
-                "servo_id": move.servo_id,
-                "start_seconds": round(move.start, 3),
-                "end_seconds": round(move.end, 3),
-                "from_degree": round(move.from_angle),
-                "target_degree": move.target,
-                "is_cut": move.is_cut,
-            }
-            for move in timeline.moves
-        ],
-        "angles": [
-            {"servo_id": servo_id, "degree": round(angle)} for servo_id, angle in sorted(timeline.angles.items())
-        ],
-    }
+class ChartedMove(Struct, frozen=True):
+    """Movement of a servo; `is_cut` if the next one or the end comes before its target."""
+
+    servo_id: int
+    start_seconds: float
+    end_seconds: float
+    from_degree: int
+    target_degree: int
+    is_cut: bool
+
+
+class ChartedServo(Struct, frozen=True):
+    """Angle of a servo at the end."""
+
+    servo_id: int
+    degree: int
+
+
+class RecordPlayed(CommandResult, frozen=True, kw_only=True):
+    """JSON of `project play`: a chart, or with --board the servos that have arrived."""
+
+    kind: str
+    id: int
+    caption: str
+    duration_seconds: float
+    is_whole: bool | UnsetType = UNSET
+    moves: list[ChartedMove] | UnsetType = UNSET
+    angles: list[ChartedServo] | UnsetType = UNSET
+    servo_ids: list[int] | UnsetType = UNSET
+    arrived: bool | UnsetType = UNSET
+
+    @classmethod
+    def of(cls, record: Action | Macro, seconds: float, **more: Any) -> Self:
+        """Return the result of playing `record` in `seconds`."""
+        kind = RecordType.of(record)
+        number, caption = kind.id_of(record), kind.caption_of(record)
+        return cls(kind=kind.label, id=number, caption=caption, duration_seconds=seconds, **more)
+
+
+def _chart(record: Action | Macro, timeline: Timeline) -> RecordPlayed:
+    moves = [
+        ChartedMove(one.servo_id, round(one.start, 3), round(one.end, 3), round(one.from_angle), one.target, one.is_cut)
+        for one in timeline.moves
+    ]
+    angles = [ChartedServo(servo_id, round(angle)) for servo_id, angle in sorted(timeline.angles.items())]
+    return RecordPlayed.of(record, round(timeline.seconds, 3), is_whole=timeline.is_whole, moves=moves, angles=angles)
 
 
 _NARROWEST, _WIDEST = 20, 1000
@@ -240,17 +241,14 @@ _END = ("q", "\x1b")
 
 def play_on_board(args: argparse.Namespace, project: Project, record: Action | Macro) -> int:
     """Play `record` on the board of `args`. The first movement is slow, unless `args` sets the speed."""
-    kind = type_of(record)
+    kind = RecordType.of(record)
     name, chosen = name_of(record), f"{kind.label}:{kind.id_of(record)}"
-    servo_ids = sorted(servos_used(project, record))
+    servo_ids = sorted(project.servos_used(record))
     args.soft_start = args.soft_start or DEFAULT_SPEED
 
-    async def talk(board: Board, interruption: Interruption) -> int:
-        from servolink.client.playing import Playback
-
-        used = [servo for servo in await board.servos() if servo.servo_id in servo_ids]
-        await make_ready(board, used, interruption, start=args.start)
-        seconds = await board.play(project, chosen, dry_run=True)
+    async def talk(board: Board, interruption: Interruption) -> Returned:
+        allowed = {"start": args.start, "any_angle": args.any_angle}
+        seconds = await board.play(project, chosen, dry_run=True, **allowed)
         moved = listed(servo_ids) if servo_ids else "no servo"
         print_error(f"servolink: {name} takes {seconds:g} s and moves {moved}; it is not stored on the board")
         playback = Playback()
@@ -258,14 +256,10 @@ def play_on_board(args: argparse.Namespace, project: Project, record: Action | M
         stopping = stopped_by_interruption(board, interruption, f"{name} was begun", f"{name} was ended")
         async with stopping, _drawn(playback):
             with _keys(playback):
-                await board.play(project, chosen, playback=playback)
+                await board.play(project, chosen, playback=playback, **allowed)
         interruption.state = f"{name} is over"
-        if args.json:
-            described = {"kind": kind.label, "id": kind.id_of(record), "caption": kind.caption_of(record)}
-            print_json({**described, "duration_seconds": seconds, "servo_ids": servo_ids, "arrived": True})
-        else:
-            print_text(f"{name} is over" + (f": {are(servo_ids)} at rest" if servo_ids else ""))
-        return OK
+        text = f"{name} is over" + (f": {are(servo_ids)} at rest" if servo_ids else "")
+        return Returned(RecordPlayed.of(record, seconds, servo_ids=servo_ids, arrived=True), text)
 
     return run_with_board(args, talk, **limits_of(args))
 
@@ -300,7 +294,7 @@ def key_handler(playback: Playback, end: Callable[[], object]) -> Callable[[str]
 @asynccontextmanager
 async def _drawn(playback: Playback) -> AsyncIterator[None]:
     """Show the progress on standard error, if standard error is a terminal."""
-    if sys.stderr is None or not sys.stderr.isatty():
+    if not draws_progress():
         yield
         return
     from rich.progress import BarColumn, Progress, TextColumn

@@ -8,14 +8,11 @@ from typing import Any
 
 from servolink.cli.command import Command, option
 from servolink.cli.projects.source import SOURCE, with_project
-from servolink.cli.screen.output import Table, print_json, print_table, print_text
+from servolink.cli.screen.output import Table
+from servolink.cli.screen.result import Ending, Part, Returned
 from servolink.cli.stored.record_tables import command_text, record_table
-from servolink.project.model import Project
-from servolink.project.record_lookup import find, macro_seconds, total_size
-from servolink.protocol.json_form import record_to_json
-from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, type_of
-from servolink.protocol.records import Action, MacroCommand
-from servolink.script import OK
+from servolink.project import Project, macro_seconds
+from servolink.protocol import ACTION, MACRO, RECORD_TYPES, Action, MacroCommand, RecordType, record_to_json
 
 
 @Command(
@@ -28,25 +25,19 @@ from servolink.script import OK
     ),
     takes_board=False,
 )
-def run(args: argparse.Namespace) -> int:
-    """Print the project, or some records of it."""
+def run(args: argparse.Namespace) -> Ending:
+    """Return the project, or some records of it."""
 
-    def show(project: Project) -> int:
-        records = [find(project, name, RECORD_TYPES) for name in args.records]
-        if args.json:
-            print_json(_records_to_json(records) if records else _to_json(project))
-        elif records:
-            for record in records:
-                print_table(record_table(record))
-        else:
-            _print(project)
-        return OK
+    def shown(project: Project) -> Returned:
+        if records := [project.find(name, RECORD_TYPES) for name in args.records]:
+            return Returned(_records_to_json(records), map(record_table, records))
+        return Returned(_to_json(project), _text(project))
 
-    return with_project(args, show)
+    return with_project(args, shown)
 
 
 def _records_to_json(records: list[Any]) -> dict[str, Any]:
-    return {kind.field: [record_to_json(one) for one in records if type_of(one) is kind] for kind in RECORD_TYPES}
+    return {kind.field: [record_to_json(one) for one in records if RecordType.of(one) is kind] for kind in RECORD_TYPES}
 
 
 def _to_json(project: Project) -> dict[str, Any]:
@@ -56,20 +47,19 @@ def _to_json(project: Project) -> dict[str, Any]:
         MACRO.field: macro_seconds(project),
     }
     form: dict[str, Any] = record_to_json(project)
-    return form | {"stored_bytes": total_size(project), "duration_seconds": durations}
+    return form | {"stored_bytes": project.total_size(), "duration_seconds": durations}
 
 
-def _print(project: Project) -> None:
+def _text(project: Project) -> Iterator[Part]:
     facts = [
         ("project id", project.project_id or "none"),
-        ("size", f"{total_size(project):,} bytes on a board"),
+        ("size", f"{project.total_size():,} bytes on a board"),
         ("joystick table", project.active_joystick_table or "chosen by the board"),
     ]
-    print_table(Table((), facts))
+    yield Table((), facts)
     for table in _tables(project):
         if table.rows:
-            print_text("")
-            print_table(table)
+            yield from ("", table)
 
 
 def _tables(project: Project) -> Iterator[Table]:

@@ -3,22 +3,37 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from msgspec import UNSET, UnsetType
+
 from servolink.cli.arguments import new_file, not_empty
 from servolink.cli.command import flag, one_of, option
-from servolink.cli.screen.output import print_json, print_text
+from servolink.cli.command_session import Interruption, run_with_board
+from servolink.cli.screen.live import shown_progress
+from servolink.cli.screen.result import CommandResult, Ending, Returned
 from servolink.cli.usage import usage_error
+from servolink.client import Board
 from servolink.errors import ProjectError
-from servolink.project.build import refuse_new_errors
-from servolink.project.model import Project
-from servolink.project.project_file import ProjectFile, load_project, read_project_file, save_project
-from servolink.project.validate import validate_project
-from servolink.script import OK
+from servolink.project import Project, ProjectFile, load_project, refuse_new_errors, save_project, validate_project
+from servolink.support import ExitCode
 
 SOURCE = (option("source", "FILE", "a project file, or the address of a board, which is only read", not_empty),)
+
+
+class ProjectEdited(CommandResult, frozen=True, kw_only=True):
+    """JSON of `project scale-time`, `project merge`, `project rename`, `project mirror` and `twin soften`.
+
+    `pairs` are the servos exchanged by `project mirror`, `unsolved` the macros left unchanged by `twin soften`.
+    """
+
+    file: str | None
+    written: bool
+    changes: Sequence[str]
+    pairs: list[tuple[int, int]] | UnsetType = UNSET
+    unsolved: list[int] | UnsetType = UNSET
 
 
 def is_address(source: str) -> bool:
@@ -26,28 +41,24 @@ def is_address(source: str) -> bool:
     return "://" in source
 
 
-def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> int:
-    """Read the project of `args.source` and return the exit code of `then`. A board is only read."""
+def with_project(args: argparse.Namespace, then: Callable[[Project], Ending]) -> Ending:
+    """Read the project of `args.source` and return what `then` returns. A board is only read."""
     if not is_address(args.source):
         return then(load_project(Path(args.source), unchecked=True))
 
     if getattr(args, "in_place", False):
         usage_error(args, "--in-place is for files; write a file with -o, and `servolink apply` writes it to a board")
 
-    from servolink.cli.command_session import Interruption, run_with_board
-    from servolink.cli.screen.live import shown_progress
-    from servolink.client.board import Board
-
     read: list[Project] = []
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        with shown_progress(board, quiet=args.json) as on_progress:
+        with shown_progress(board) as on_progress:
             read.append(await board.export_project(on_progress=on_progress))
-        return OK
+        return ExitCode.OK
 
     args.url = args.source
-    ended = run_with_board(args, talk, state="the board was only read")
-    return then(*read) if ended == OK else ended
+    code = run_with_board(args, talk, state="the board was only read")
+    return then(*read) if code == ExitCode.OK else code
 
 
 FORCE = (flag("--force", "replace an existing file"),)
@@ -63,7 +74,9 @@ OUTPUT = (
 )
 
 
-def write_edited(args: argparse.Namespace, before: Project, after: Project, changes: list[str], **more: Any) -> int:
+def write_edited(
+    args: argparse.Namespace, before: Project, after: Project, changes: Sequence[str], **more: Any
+) -> Returned:
     """Write `after` to the file of `args`, whole or not at all, and print the changes.
 
     Raise ProjectError, and write nothing, if a board could not store it. An export of values that servolink would not
@@ -78,13 +91,8 @@ def write_edited(args: argparse.Namespace, before: Project, after: Project, chan
         else:
             _refuse_errors(args, after)
         _write(args, target, after, file)
-    if args.json:
-        print_json({"file": str(target), "written": is_new, "changes": changes, **more})
-        return OK
-    for change in changes:
-        print_text(change)
-    print_text(f"{target}: {'written' if is_new else 'nothing to change'}")
-    return OK
+    edited = ProjectEdited(file=str(target), written=is_new, changes=changes, **more)
+    return Returned(edited, [*changes, f"{target}: {'written' if is_new else 'nothing to change'}"])
 
 
 def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
@@ -100,7 +108,7 @@ def _edited(args: argparse.Namespace, before: Project) -> ProjectFile:
     """Return the file being edited; for the project of a board, the file of an export."""
     if is_address(args.source):
         return ProjectFile(before, unchecked=bool(_errors(args, before)))
-    return read_project_file(args.source, unchecked=True)
+    return ProjectFile.read(args.source, unchecked=True)
 
 
 def _errors(args: argparse.Namespace, project: Project) -> list[str]:

@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
+from msgspec import UNSET, UnsetType
 from msgspec.structs import asdict
 
 from servolink.cli.arguments import new_file, not_empty
 from servolink.cli.command import PROJECTS, Command, flag, one_of, option
-from servolink.cli.projects.source import FORCE, write_edited
-from servolink.cli.screen.output import Table, counted, print_json, print_result, print_table, print_text
+from servolink.cli.projects.source import FORCE, ProjectEdited, write_edited
+from servolink.cli.screen.output import Table, counted
+from servolink.cli.screen.result import CommandResult, Part, Returned, Verbatim, print_for_people, show
 from servolink.errors import ProjectError
-from servolink.files import reason, write_atomically
-from servolink.project.model import Project
-from servolink.project.record_lookup import by_type, find, name_of
-from servolink.protocol.record_types import ACTION, MACRO, type_of
-from servolink.script import FAILED, OK
-
-if TYPE_CHECKING:  # and imported late: `--help` needs none of it
-    from servolink.twin.body import Body
-    from servolink.twin.forecast import Forecast
-    from servolink.twin.trial import Fall
+from servolink.project import Project, name_of
+from servolink.protocol import ACTION, MACRO, RecordType
+from servolink.support import ExitCode, reason, write_atomically
+from servolink.twin import Body, Fall, Forecast, Physics, Verdict, forecast, is_installed, model_text, soften
 
 FILE = option("source", "FILE", "a project file with a figure", not_empty)
 """Argument with the project whose figure has the body."""
@@ -61,49 +57,51 @@ TWIN = Command(
 )
 def run_check(args: argparse.Namespace) -> int:
     """Print a forecast for each record; return 1 if the robot falls in one, else 0."""
-    from servolink.twin.body import read_body
-    from servolink.twin.forecast import Verdict, forecast
-
-    project, body = read_body(args.source)
-    by_type(project)  # refuses duplicate ids: the board would run either record
+    project, body = Body.read(args.source)
+    project.by_type()  # refuses duplicate ids: the board would run either record
     if args.macro is not None:
-        records = [find(project, args.macro, (MACRO, ACTION))]
+        records = [project.find(args.macro, (MACRO, ACTION))]
     else:
         records = [*(project.actions if args.all else ()), *project.macros]
     found = forecast(project, body, records, processes=os.cpu_count() or 1)
-    if args.json:
-        ok = all(one.verdict is not Verdict.FALLS for one in found)
-        print_json({"ok": ok, "assumptions": body.assumptions, "forecasts": [one.as_dict() for one in found]})
-    else:
-        _print(found, body.assumptions)
+    ok = all(one.verdict is not Verdict.FALLS for one in found)
+    value = TwinChecked(ok, body.assumptions, [one.as_dict() for one in found])
+    show(value, _text(found, body.assumptions))
     if args.picture is not None and found:
         _write_picture(args, project, body, found)
-    return FAILED if any(one.verdict is Verdict.FALLS for one in found) else OK
+    return ExitCode.OK if ok else ExitCode.FAILED
 
 
-def _print(found: list[Forecast], assumptions: Sequence[str]) -> None:
-    """Print a table of all forecasts, then the falls, the collisions, and all that was assumed."""
+class TwinChecked(CommandResult, frozen=True):
+    """JSON of `twin check`: a forecast for each record."""
+
+    ok: bool
+    assumptions: Sequence[str]
+    forecasts: list[dict[str, Any]]
+
+
+def _text(found: list[Forecast], assumptions: Sequence[str]) -> Iterator[Part]:
+    """Yield a table of all forecasts, then the falls, the collisions, and all that was assumed."""
     if not found:
-        print_text("there is no macro to check; --all checks actions")
+        yield "there is no macro to check; --all checks actions"
         return
     columns = ("", "", "verdict", "lean", "margin", "torque", "lag")
-    rows = [(*_named(one), one.verdict, *_measured(one)) for one in found]
-    print_table(Table(columns, rows))
+    yield Table(columns, [(*_named(one), one.verdict, *_measured(one)) for one in found])
     for one in found:
         if (fall := one.fall) is not None:
-            print_text(f"{name_of(one.record)} {one.verdict}: {_fall(fall)}", "red")
+            yield f"{name_of(one.record)} {one.verdict}: {_fall(fall)}", "red"
     for one in found:
         for collision in one.collisions:
-            print_text(f"{name_of(one.record)}: {' and '.join(collision.parts)} touch at {collision.seconds:.1f} s")
+            yield f"{name_of(one.record)}: {' and '.join(collision.parts)} touch at {collision.seconds:.1f} s"
         if not one.is_whole:
-            print_text(f"{name_of(one.record)} takes {one.seconds:.0f} s; only the beginning was tried")
+            yield f"{name_of(one.record)} takes {one.seconds:.0f} s; only the beginning was tried"
     if assumptions:
-        print_text(f"assumed, as the figure does not say: {'; '.join(assumptions)}")
+        yield f"assumed, as the figure does not say: {'; '.join(assumptions)}"
 
 
 def _named(one: Forecast) -> tuple[str, str]:
     """Return type and id of the record, and its caption."""
-    kind = type_of(one.record)
+    kind = RecordType.of(one.record)
     return f"{kind.label} {kind.id_of(one.record)}", kind.caption_of(one.record)
 
 
@@ -127,12 +125,9 @@ def _fall(fall: Fall) -> str:
 
 def _write_picture(args: argparse.Namespace, project: Project, body: Body, found: list[Forecast]) -> None:
     """Draw the first of the falls, or else of the doubtful ones, or else the largest lean."""
-    from servolink.twin.picture import draw
-
     one = max(found, key=lambda one: (one.verdict == "falls", one.fall is not None, one.worst_tilt))
-    _write_new(args, args.picture, draw(project, body, one.record, *one.moment))
-    if not args.json:
-        print_text(f"{args.picture}: written, {name_of(one.record)} at {one.moment[1]:.1f} s")
+    _write_new(args, args.picture, one.picture(project, body))
+    print_for_people(f"{args.picture}: written, {name_of(one.record)} at {one.moment[1]:.1f} s")
 
 
 def _write_new(args: argparse.Namespace, path: Path, content: bytes) -> None:
@@ -165,30 +160,23 @@ def _write_new(args: argparse.Namespace, path: Path, content: bytes) -> None:
     ),
     takes_board=False,
 )
-def run_soften(args: argparse.Namespace) -> int:
+def run_soften(args: argparse.Namespace) -> Returned:
     """Print and write the changes; return 1 if no change helps a macro, else 0."""
-    from servolink.twin.body import read_body
-    from servolink.twin.soften import AMPLITUDES, SPEEDS, soften
-
-    project, body = read_body(args.source)
-    by_type(project)  # refuses duplicate ids: the board would run either record
-    macros = project.macros if args.macro is None else [find(project, args.macro, (MACRO,))]
+    project, body = Body.read(args.source)
+    project.by_type()  # refuses duplicate ids: the board would run either record
+    macros = project.macros if args.macro is None else [project.find(args.macro, (MACRO,))]
     found = soften(project, body, macros)
     unsolved = [macro.macro_id for macro in found.unsolved]
     if args.output is not None or args.in_place:
-        write_edited(args, project, found.project, list(found.changes), unsolved=unsolved)
-    elif args.json:
-        print_json({"file": None, "written": False, "changes": found.changes, "unsolved": unsolved})
+        value, text, _ = write_edited(args, project, found.project, found.changes, unsolved=unsolved)
     else:
-        for change in found.changes or ("the robot stands in all macros: nothing to change",)[: not unsolved]:
-            print_text(change)
-        if found.changes:
-            print_text("nothing was written; -o OUT or --in-place does")
-    if not args.json:
-        for macro in found.unsolved:
-            tried = f"no speed down to {SPEEDS[-1]} % and no angles down to {AMPLITUDES[-1]} %"
-            print_text(f"{name_of(macro)}: {tried} let the robot stand; change the poses", "red")
-    return FAILED if unsolved else OK
+        value = ProjectEdited(file=None, written=False, changes=found.changes, unsolved=unsolved)
+        text = [*found.changes, "nothing was written; -o OUT or --in-place does"]
+        if not found.changes:
+            text = [] if unsolved else "the robot stands in all macros: nothing to change"
+    left = f"{found.tried} let the robot stand; change the poses"
+    unstable = [(f"{name_of(macro)}: {left}", "red") for macro in found.unsolved]
+    return Returned(value, [text, *unstable], ExitCode.FAILED if unsolved else ExitCode.OK)
 
 
 @Command(
@@ -203,24 +191,26 @@ def run_soften(args: argparse.Namespace) -> int:
     ),
     takes_board=False,
 )
-def run_model(args: argparse.Namespace) -> int:
+def run_model(args: argparse.Namespace) -> Returned:
     """Write the model; where MuJoCo is installed, only a model that MuJoCo can build."""
-    from servolink.twin.body import read_body
-    from servolink.twin.mjcf import model_text
-    from servolink.twin.simulation import Physics, is_installed
-
-    _, body = read_body(args.source)
+    _, body = Body.read(args.source)
     if is_installed():
         Physics(body)
     text = model_text(body)
     if args.output is None:
-        if args.json:
-            print_json({"model": text})
-        else:
-            print(text, end="")
-        return OK
+        return Returned(TwinModel(model=text), Verbatim(text))
     _write_new(args, args.output, text.encode())
-    found = {"file": str(args.output), "parts": len(body.parts), "servos": sorted(body.drives), "mass": body.mass}
-    size = f"{counted(len(body.parts), 'part')}, {counted(len(body.drives), 'servo')}, {body.mass:.3g} kg"
-    print_result(args, found, f"{args.output}: written, with {size}")
-    return OK
+    servos = sorted(body.drives)
+    size = f"{counted(len(body.parts), 'part')}, {counted(len(servos), 'servo')}, {body.mass:.3g} kg"
+    value = TwinModel(file=str(args.output), parts=len(body.parts), servos=servos, mass=body.mass)
+    return Returned(value, f"{args.output}: written, with {size}")
+
+
+class TwinModel(CommandResult, frozen=True, kw_only=True):
+    """JSON of `twin model`: the model, or the file with the model and its mass in kilograms."""
+
+    model: str | UnsetType = UNSET
+    file: str | UnsetType = UNSET
+    parts: int | UnsetType = UNSET
+    servos: list[int] | UnsetType = UNSET
+    mass: float | UnsetType = UNSET

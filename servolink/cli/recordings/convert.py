@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from servolink.cli.arguments import file_path, not_empty
 from servolink.cli.command import RECORDINGS, Command, flag, one_of, option
 from servolink.cli.recordings.show import SELECTION, selection
-from servolink.cli.screen.output import counted, print_error, print_json, print_text
-from servolink.cli.usage import needing_extra, refuse_input, usage_error
-from servolink.project.project_file import read_project_file
-from servolink.recorder.channels import CHANNELS, Recorded, Wire
-from servolink.recorder.pcapng import save_pcapng
-from servolink.recorder.reading import Recording, Selection
-from servolink.recorder.tables import write_tables
-from servolink.script import OK
+from servolink.cli.screen.output import counted
+from servolink.cli.screen.result import CommandResult, Remark, Returned
+from servolink.cli.usage import refuse_input, usage_error
+from servolink.project import ProjectFile
+from servolink.recorder import CHANNELS, Recorded, Recording, Selection, Wire, save_pcapng, write_tables
+
+
+class Converted(CommandResult, frozen=True):
+    """JSON of `convert`: the rows, packets or messages in each file."""
+
+    files: dict[str, int]
+    remarks: Sequence[str]
 
 
 @Command(
@@ -48,7 +53,7 @@ from servolink.script import OK
     ),
     takes_board=False,
 )
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Returned:
     """Write the recording in another form."""
     if args.project is not None and not args.foxglove:
         usage_error(args, "--project gives the figure for --foxglove; leave it out for other forms")
@@ -56,23 +61,21 @@ def run(args: argparse.Namespace) -> int:
     write = _write_capture if args.pcap else _write_channels if args.foxglove else _write_tables
     written = write(args, recording)
     remarks = recording.remarks
-    if args.json:
-        print_json({"files": {str(path): count for path, count in written.items()}, "remarks": remarks})
-        return OK
-    for path, count in written.items():
-        unit = "packet" if args.pcap else "message" if args.foxglove else "row"
-        print_text(f"{path}  {counted(count, unit)}")
-    if not written:
-        print_text("nothing was written: the recording holds nothing of this kind")
-    for remark in remarks:
-        print_error(f"servolink: {recording.path}: {remark}")
-    return OK
+    unit = "packet" if args.pcap else "message" if args.foxglove else "row"
+    lines = [f"{path}  {counted(count, unit)}" for path, count in written.items()]
+    return Returned(
+        Converted({str(path): count for path, count in written.items()}, remarks),
+        [
+            *(lines or ["nothing was written: the recording holds nothing of this kind"]),
+            *(Remark(f"{recording.path}: {remark}") for remark in remarks),
+        ],
+    )
 
 
 def _write_channels(args: argparse.Namespace, recording: Recording) -> dict[Path, int]:
-    with needing_extra("foxglove"):
-        from servolink.gateways.live_channels import convert
-    figure = None if args.project is None else read_project_file(args.project).figure
+    from servolink.gateways.foxglove import convert
+
+    figure = None if args.project is None else ProjectFile.read(args.project).figure
     out = Path(args.output) if args.output else _beside(recording.path, ".foxglove.mcap")
     refuse_input(args, recording.path, [out])
     return {out: convert(recording.entries(selection(args)), figure, out, replace=args.force)}

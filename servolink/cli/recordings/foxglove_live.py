@@ -5,22 +5,25 @@ from __future__ import annotations
 import argparse
 import asyncio
 from contextlib import AsyncExitStack
-from functools import partial
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import SPEED, file_path, listening, new_file, number
 from servolink.cli.command import RECORDINGS, Command, flag, option
-from servolink.cli.command_session import ENDLESS, Interruption, run_interruptible
-from servolink.cli.screen.output import print_error, print_result
-from servolink.cli.screen.terminal import can_ask, confirm
+from servolink.cli.command_session import ENDLESS, Interruption, connection_options, interruptible
+from servolink.cli.screen.output import print_error
+from servolink.cli.screen.result import show_served
+from servolink.cli.screen.terminal import can_ask, confirm_motion
 from servolink.cli.together.language_models import SPEED_CAP, log_line
-from servolink.cli.usage import needing_extra, usage_error
-from servolink.project.project_file import read_project_file
-from servolink.script import OK
+from servolink.cli.usage import usage_error
+from servolink.hub import hub_of_board
+from servolink.project import ProjectFile
+from servolink.recorder import Recording
+from servolink.support import ExitCode
+from servolink.transports import NetworkPlace
 
 if TYPE_CHECKING:
-    from servolink.gateways.live_channels import LiveChannels
-    from servolink.gateways.supervisor import Supervisor
+    from servolink.gateways import Supervisor
+    from servolink.gateways.foxglove import LiveChannels
 
 
 @Command(
@@ -47,26 +50,18 @@ if TYPE_CHECKING:
         ),
     ),
 )
-def run(args: argparse.Namespace) -> int:
-    """Serve until Ctrl-C or SIGTERM."""
+@interruptible("nothing was sent to the board", in_usage=True)
+async def run(args: argparse.Namespace, interruption: Interruption) -> int:
+    """Serve until Ctrl-C or SIGTERM, or until the hub has ended."""
     if args.allow_motion and args.recording is not None:
         usage_error(args, "--allow-motion moves a board, and --recording has none; leave out one of them")
-    if args.allow_motion and (args.json or not can_ask()):
+    if args.allow_motion and not can_ask():
         usage_error(args, "--allow-motion asks before each motion, and needs a terminal for the question")
-    return run_interruptible(partial(_serve, args), "nothing was sent to the board", usage=args)
+    from servolink.gateways.foxglove import LiveChannels, PublishedTargets, serving, written_to
 
+    import foxglove  # isort: skip # pyright: ignore[reportMissingImports] # after the door, which says what to install
 
-async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
-    """Serve until the task is cancelled, or until the hub has ended."""
-    with needing_extra("foxglove"):
-        import foxglove  # pyright: ignore[reportMissingImports]
-
-        from servolink.gateways.live_channels import LiveChannels, written_to
-        from servolink.gateways.live_server import PublishedTargets, follow_recording, serving
-    from servolink.listeners.tcp import host_and_port, joined, reached_by
-    from servolink.recorder.reading import Recording
-
-    figure = None if args.project is None else (await asyncio.to_thread(read_project_file, args.project)).figure
+    figure = None if args.project is None else (await asyncio.to_thread(ProjectFile.read, args.project)).figure
     context = foxglove.Context()
     channels = LiveChannels(context, figure)
     async with AsyncExitStack() as stack:
@@ -75,30 +70,27 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
         if args.mcap is not None:
             stack.enter_context(written_to(args.mcap, context))
             channels.draw_scene(recording.started if recording is not None else 0)
-        listener = PublishedTargets(channels, supervisor, args.speed_cap, confirm)
-        host, port = host_and_port(args.listen)
+        listener = PublishedTargets(channels, supervisor, args.speed_cap, confirm_motion)
+        host, port = NetworkPlace.parse(args.listen)
         served = serving(listener, context, host, port, may_move=args.allow_motion)
         found = await stack.enter_async_context(served)
-        interruption.state, interruption.code = "the content of the board was left unchanged", OK
-        url = f"ws://{joined(host, found)}"
-        print_result(args, {"foxglove": url}, f"foxglove {url}")
-        print_error(
-            f"servolink: {url} is open to {reached_by(url.replace('ws://', 'tcp://'))}, and to pages in a browser"
-        )
+        interruption.state, interruption.code = "the content of the board was left unchanged", ExitCode.OK
+        place = NetworkPlace(host, found)
+        url = f"ws://{place}"
+        show_served(foxglove=url)
+        print_error(f"servolink: {url} is open to {place.reached_by}, and to pages in a browser")
         if recording is not None:
-            await follow_recording(recording, channels, args.speed)
+            await channels.follow_recording(recording, args.speed)
             await asyncio.Event().wait()
         await _follow(hub, channels)
-    return OK
+    return ExitCode.OK
 
 
 async def _board(args: argparse.Namespace, stack: AsyncExitStack) -> tuple[Supervisor | None, str]:
     """Return the supervisor of motions, if they are allowed, and the name of the hub of the board."""
-    from servolink.gateways.supervisor import supervised
-    from servolink.hub import hub_of_board
+    from servolink.gateways import supervised
 
-    options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
-    hub = await stack.enter_async_context(hub_of_board(args.url, **options))
+    hub = await stack.enter_async_context(hub_of_board(args.url, **connection_options(args)))
     if not args.allow_motion:
         return None, hub
     watched = supervised(hub, may_move=True, speed_cap=args.speed_cap, log=log_line)
@@ -107,7 +99,5 @@ async def _board(args: argparse.Namespace, stack: AsyncExitStack) -> tuple[Super
 
 async def _follow(hub: str, channels: LiveChannels) -> None:
     """Show what the hub tells, until the hub has ended."""
-    from servolink.gateways.live_server import follow_hub
-
-    await follow_hub(hub, channels)
+    await channels.follow_hub(hub)
     print_error(f"servolink: the hub {hub} has ended")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+from collections.abc import Sequence
+from contextlib import nullcontext
 from functools import partial
-from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import alarm, new_file, number
 from servolink.cli.command import RECORDINGS, Command, flag, option
@@ -14,18 +15,19 @@ from servolink.cli.command_session import (
     KEEP_MODE,
     Interruption,
     choose_board,
+    connection_options,
     mode_restored,
     run_interruptible,
 )
-from servolink.cli.screen.output import counted, print_error, print_json, print_text
+from servolink.cli.recordings.record_view import RecordView
+from servolink.cli.screen.live import can_draw
+from servolink.cli.screen.output import counted
+from servolink.cli.screen.result import CommandResult, Ending, Remark, Returned, print_for_people, show
 from servolink.cli.screen.terminal import single_keys
+from servolink.client import Alarm
 from servolink.errors import ServolinkError
-from servolink.platforms.signals import SAVING, handled
-from servolink.script import OK
-
-if TYPE_CHECKING:  # and imported late: `--help` needs none of it
-    from servolink.cli.recordings.record_view import RecordView
-    from servolink.recorder.recorder import Recorder, Wanted
+from servolink.recorder import Recorder, Wanted, record_at, repair
+from servolink.support import ExitCode, Signals
 
 _MOST_HZ = 200.0
 _UNITS = {"s": (1, "seconds"), "m": (60, "minutes"), "h": (3600, "hours")}
@@ -77,49 +79,51 @@ def _duration(text: str) -> float:
         flag("--repair", "record nothing, but mend FILE if its end is missing, as after a crash"),
     ),
 )
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Ending:
     """Record until the time is over, until `q` is pressed or until Ctrl-C; or mend a file."""
     if args.repair:
         return _repair(args)
     return run_interruptible(partial(_record, args), "nothing was recorded", usage=args)
 
 
-def _repair(args: argparse.Namespace) -> int:
+def _repair(args: argparse.Namespace) -> Returned:
     """Repair a recording, and print counts and remarks about the repair."""
-    from servolink.recorder.repair import repair
-
     done = repair(args.file)
-    if args.json:
-        print_json({"messages": done.messages, "original": done.original or None, "remarks": done.remarks})
-        return OK
+    text = f"{args.file} is whole, with {counted(done.messages, 'message')}; nothing was changed"
     if done.original:
-        print_text(f"repaired {args.file}: {counted(done.messages, 'message')}; the file as it was is {done.original}")
-    else:
-        print_text(f"{args.file} is whole, with {counted(done.messages, 'message')}; nothing was changed")
-    for remark in done.remarks:
-        print_error(f"servolink: {args.file}: {remark}")
-    return OK
+        text = f"repaired {args.file}: {counted(done.messages, 'message')}; the file as it was is {done.original}"
+    value = RecordingRepaired(done.messages, done.original or None, done.remarks)
+    return Returned(value, [text, *(Remark(f"{args.file}: {remark}") for remark in done.remarks)])
+
+
+class RecordingRepaired(CommandResult, frozen=True):
+    """JSON of `record` with --repair; `original` is the damaged file, null for a whole one."""
+
+    messages: int
+    original: str | None
+    remarks: Sequence[str]
+
+
+class RecordingBegun(CommandResult, frozen=True):
+    """JSON of the first line of `record`: the file."""
+
+    recording: str
 
 
 async def _record(args: argparse.Namespace, interruption: Interruption) -> int:
-    from servolink.cli.recordings.record_view import RecordView
-    from servolink.cli.screen.live import can_draw
-    from servolink.client.alarms import Alarm
-    from servolink.recorder.recorder import Wanted, record_at
-
     alarms = tuple(map(Alarm.parse, args.alarm))
     wanted = Wanted(args.file, args.hz, wire_only=args.wire, alarms=alarms, ring=args.ring)
-    options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
-    if args.keep_mode:
-        options["transmission_mode"] = "auto"
     around = partial(mode_restored, keeps_mode=args.keep_mode)
     view: RecordView | None = None
     try:
-        async with record_at(choose_board(args), wanted, around=around, **options) as recorder:
-            view = RecordView(recorder, as_json=args.json, on_screen=not args.json and can_draw())
-            _print_start(wanted, as_json=args.json)
+        async with record_at(choose_board(args), wanted, around=around, **connection_options(args)) as recorder:
+            view = RecordView(recorder, on_screen=can_draw())
+            text = f"recording to {wanted.path}"
+            if wanted.ring is not None:
+                text = f"keeping the last {wanted.ring:g} s, and writing them when something fails"
+            show(RecordingBegun(str(wanted.path)), Remark(text))
             if args.seconds is None:
-                interruption.code = OK
+                interruption.code = ExitCode.OK
             try:
                 await _until_the_end(recorder, view, args.seconds)
             finally:
@@ -129,9 +133,8 @@ async def _record(args: argparse.Namespace, interruption: Interruption) -> int:
             interruption.state = view.end()
     if recorder.over.is_set():
         raise ServolinkError(f"the hub has ended; {interruption.state}")
-    if not args.json:
-        print_text(interruption.state)
-    return OK
+    print_for_people(interruption.state)
+    return ExitCode.OK
 
 
 async def _until_the_end(recorder: Recorder, view: RecordView, seconds: float | None) -> None:
@@ -150,22 +153,16 @@ async def _until_the_end(recorder: Recorder, view: RecordView, seconds: float | 
                 marks += 1
                 recorder.mark(f"mark {marks}", who="keyboard")
 
+    def save() -> None:
+        recorder.save("asked for by a signal")
+
     work = (view.run(), ending.wait(), recorder.over.wait())
     tasks: list[asyncio.Task[object]] = [asyncio.create_task(each) for each in work]
-    signals = () if recorder.wanted.ring is None else SAVING
-    with handled(lambda: recorder.save("asked for by a signal"), signals), single_keys(typed):
+    saving = nullcontext() if recorder.wanted.ring is None else Signals.SAVING.handled(save)
+    with saving, single_keys(typed):
         try:
             await asyncio.wait(tasks[1:], timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
         finally:
             for task in tasks:
                 task.cancel()
             await asyncio.wait(tasks)
-
-
-def _print_start(wanted: Wanted, *, as_json: bool) -> None:
-    if as_json:
-        print_json({"recording": str(wanted.path)})
-    elif wanted.ring is None:
-        print_error(f"servolink: recording to {wanted.path}")
-    else:
-        print_error(f"servolink: keeping the last {wanted.ring:g} s, and writing them when something fails")

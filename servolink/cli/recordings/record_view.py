@@ -3,30 +3,50 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from typing import Self
 
-from servolink.cli.screen.output import console, counted, cut, print_json, print_text, text_width
+from servolink.cli.screen.output import console, counted, cut, text_width
+from servolink.cli.screen.result import CommandResult, show
 from servolink.cli.screen.terminal import cleanup
-from servolink.escaping import escape
-
-if TYPE_CHECKING:
-    from servolink.recorder.recorder import Recorder
-    from servolink.recorder.writer import RecorderStatus, Saved
+from servolink.errors import escape
+from servolink.recorder import Recorder, RecorderStatus
 
 _EVERY = 0.5  # seconds
 _KIB = 1024
 
 
+class RingSaved(CommandResult, frozen=True):
+    """JSON of each file that `record` with --ring writes."""
+
+    saved: str
+    reason: str
+    size_bytes: int
+
+
+class RecordingEnded(CommandResult, frozen=True):
+    """JSON of the last line of `record`: what was recorded."""
+
+    path: str
+    seconds: float
+    size_bytes: int
+    messages: int
+    dropped: int
+
+    @classmethod
+    def of(cls, status: RecorderStatus) -> Self:
+        """Return what was recorded."""
+        return cls(status.path, round(status.seconds, 3), status.size, status.messages, status.dropped)
+
+
 class RecordView:
     """Shows one recording."""
 
-    def __init__(self, recorder: Recorder, *, as_json: bool, on_screen: bool) -> None:
+    def __init__(self, recorder: Recorder, *, on_screen: bool) -> None:
         """Draw a line that stays if `on_screen`."""
         self._recorder = recorder
         self._is_ring = recorder.wanted.ring is not None
-        self._as_json = as_json
         self._on_screen = on_screen
         self._told = 0  # files of a ring
 
@@ -40,9 +60,8 @@ class RecordView:
     def end(self) -> str:
         """Print pending remarks, and return a sentence about the recording."""
         status = self._recorder.status
-        self._print_saved(status, print_text)
-        if self._as_json:
-            print_json(status_json(status))
+        self._show_saved(status)
+        show(RecordingEnded.of(status))
         return summary(status, is_ring=self._is_ring)
 
     def unfinished(self) -> str:
@@ -56,7 +75,7 @@ class RecordView:
     @contextmanager
     def _screen(self) -> Iterator[Callable[[RecorderStatus], None]]:
         if not self._on_screen:
-            yield lambda status: self._print_saved(status, print_text)
+            yield self._show_saved
             return
         from rich.live import Live
         from rich.text import Text
@@ -65,19 +84,16 @@ class RecordView:
         live = Live(console=displayed, auto_refresh=False, transient=True)
 
         def draw(status: RecorderStatus) -> None:
-            self._print_saved(status, lambda text: displayed.print(Text(escape(text))))
+            self._show_saved(status, lambda _, text: displayed.print(Text(escape(text))))
             style = "bold red" if status.problem or status.dropped else "bold"
             live.update(Text(status_line(status, displayed.width, is_ring=self._is_ring), style), refresh=True)
 
         with cleanup(displayed.show_cursor), live:
             yield draw
 
-    def _print_saved(self, status: RecorderStatus, say: Callable[[str], None]) -> None:
+    def _show_saved(self, status: RecorderStatus, say: Callable[[RingSaved, str], None] = show) -> None:
         for saved in status.saved[self._told :]:
-            if self._as_json:
-                print_json({"saved": saved.path, "reason": saved.reason, "size_bytes": saved.size})
-            else:
-                say(f"wrote {saved.path}: {saved.reason}")
+            say(RingSaved(saved.path, saved.reason, saved.size), f"wrote {saved.path}: {saved.reason}")
         self._told = len(status.saved)
 
 
@@ -101,30 +117,20 @@ def summary(status: RecorderStatus, *, is_ring: bool) -> str:
     """Return in a sentence what was recorded."""
     text = f"recorded {counted(status.messages, 'message')} in {status.seconds:.1f} s to {status.path}"
     if is_ring:
-        text = _summary_of_ring(status.saved)
+        text = _summary_of_ring(status)
     if status.dropped:
         text += f"; {counted(status.dropped, 'message')} missing, because the disk was too slow or full"
     return text
 
 
-def _summary_of_ring(saved: Sequence[Saved]) -> str:
+def _summary_of_ring(status: RecorderStatus) -> str:
     """Return in a sentence which files were written of a ring."""
+    saved = status.saved
     if not saved:
         return "nothing failed, and nothing was written"
     last = saved[-1].path
     wrote = f"wrote {last}" if len(saved) == 1 else f"wrote {len(saved)} files, the last one {last}"
     return f"{wrote}; nothing has failed since, and what came since was not kept"
-
-
-def status_json(status: RecorderStatus) -> dict[str, object]:
-    """Return what was recorded, for programs."""
-    return {
-        "path": status.path,
-        "seconds": round(status.seconds, 3),
-        "size_bytes": status.size,
-        "messages": status.messages,
-        "dropped": status.dropped,
-    }
 
 
 def _size(size: int) -> str:

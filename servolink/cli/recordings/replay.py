@@ -11,32 +11,27 @@ from pathlib import Path
 
 from servolink.cli.arguments import listening, not_empty, number
 from servolink.cli.command import RECORDINGS, Command, flag, option
-from servolink.cli.command_session import Interruption, run_interruptible
+from servolink.cli.command_session import Interruption, interruptible, run_interruptible
 from servolink.cli.screen.live import Line, can_draw, pictures
-from servolink.cli.screen.output import Table, counted, print_error, print_json, print_result, print_table, print_text
+from servolink.cli.screen.output import Table, counted
+from servolink.cli.screen.result import CommandResult, Ending, Part, Remark, Returned, print_for_people, show_served
 from servolink.cli.screen.servo_picture import LEGEND, picture_of_servos, wrapped
 from servolink.cli.screen.virtual_view import servos_of
 from servolink.cli.usage import usage_error
-from servolink.escaping import escape, quote
-from servolink.listeners.forwarding import serve_network, serve_terminal
-from servolink.listeners.tcp import host_and_port
-from servolink.platforms.pseudo_terminals import AVAILABLE
-from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.frame import MAGIC, encode_frame
-from servolink.protocol.json_form import packet_to_json
-from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest
-from servolink.recorder.channels import ServosRead
-from servolink.recorder.conversation import Asked, commands, read_conversation
-from servolink.recorder.reading import Recording
-from servolink.recorder.replaying import RecordedBoardTransport
-from servolink.recorder.story import asked as in_words
-from servolink.recorder.story import duration
-from servolink.script import OK
-from servolink.transports.base import Transport
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.hardware import MAX_SERVOS
-from servolink.virtual.simulated_servo import to_degrees
-from servolink.virtual.state_file import load_state
+from servolink.errors import escape, quote
+from servolink.protocol import (
+    MAGIC,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    ExecuteMacroRequest,
+    encode_frame,
+    packet_to_json,
+)
+from servolink.recorder import Asked, RecordedBoardTransport, Recording, ServosRead, duration, read_conversation
+from servolink.recorder import asked as in_words
+from servolink.support import ExitCode, PseudoTerminal
+from servolink.transports import NetworkPlace, Transport, serve_network, serve_terminal
+from servolink.virtual import VirtualBoard, load_state, to_degrees
 
 _VIRTUAL = "virtual"
 
@@ -58,7 +53,7 @@ _VIRTUAL = "virtual"
     ),
     takes_board=False,
 )
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Ending:
     """Play the commands on a virtual board, or serve the recorded board until Ctrl-C."""
     if args.to is None:
         if args.state:
@@ -83,18 +78,18 @@ def _serve(args: argparse.Namespace) -> int:
         return RecordedBoardTransport(args.file, speed=args.speed)
 
     async def main(interruption: Interruption) -> int:
-        interruption.code = OK
-        pty = args.pty or (AVAILABLE and not args.tcp)
+        interruption.code = ExitCode.OK
+        pty = args.pty or (PseudoTerminal.AVAILABLE and not args.tcp)
         tcp = args.tcp or (None if pty else "127.0.0.1:0")
         async with AsyncExitStack() as stack:
             urls = [await stack.enter_async_context(serve_terminal(connect))] if pty else []
             if tcp:
-                served = serve_network(connect, *host_and_port(tcp), begins_with=MAGIC)
+                served = serve_network(connect, *NetworkPlace.parse(tcp), begins_with=MAGIC)
                 urls.append(await stack.enter_async_context(served))
             for url in urls:
-                print_result(args, {"listening": url}, f"listening {url}")
+                show_served(listening=url)
             await asyncio.Event().wait()
-        return OK
+        return ExitCode.OK
 
     return run_interruptible(main, "the recorded board is gone")
 
@@ -103,6 +98,14 @@ _EVERY = 0.1  # seconds between two pictures
 _SETTLE = 60.0  # seconds after the last command; a macro may go on for ever
 _STORED = (ExecuteActionExRequest, ExecuteMacroRequest)
 _USUAL_SERVOS = 16
+
+
+class RecordingPlayed(CommandResult, frozen=True):
+    """JSON of `replay` with --to: the commands, and the angles of the servos by id, at the end."""
+
+    played: int
+    seconds: float
+    angles: dict[int, float]
 
 
 @dataclass
@@ -124,26 +127,20 @@ class Replay:
         return self.commands[-1].seconds if self.commands else 0.0
 
 
-def play(args: argparse.Namespace) -> int:
+@interruptible("the recording was not played to its end; it was a virtual robot")
+async def play(args: argparse.Namespace, interruption: Interruption) -> Returned:
     """Play the recording of `args` on a new virtual board."""
     replay = _load(args)
-
-    async def main(interruption: Interruption) -> int:
-        with _shown(replay, quiet=args.json) as tell:
-            await _play(replay, tell)
-        if args.json:
-            print_json({"played": replay.done, "seconds": round(replay.seconds, 3), "angles": _angles(replay.board)})
-        else:
-            _report(replay)
-        return OK
-
-    return run_interruptible(main, "the recording was not played to its end; it was a virtual robot")
+    with _shown(replay) as tell:
+        await _play(replay, tell)
+    played = RecordingPlayed(replay.done, round(replay.seconds, 3), _angles(replay.board))
+    return Returned(played, _text(replay))
 
 
 def _load(args: argparse.Namespace) -> Replay:
     recording = Recording(args.file)
     conversation = read_conversation(recording)
-    sent = [asked for asked in commands(conversation) if asked.packet is not None]
+    sent = [asked for asked in conversation.commands() if asked.packet is not None]
     first = next((entry.message for entry in recording.messages(ServosRead) if entry.message.servos), None)
     board = VirtualBoard(_servo_count(sent, first), codec=recording.codec)
     if args.state:
@@ -161,7 +158,7 @@ def _servo_count(sent: Sequence[Asked], first: ServosRead | None) -> int:
         step.servo_id for each in sent if isinstance(each.packet, ExecuteActionRequest) for step in each.packet.steps
     )
     seen = (state.servo_id for state in (first.servos if first else ()))
-    highest = max((servo_id for servo_id in (*moved, *seen) if 0 < servo_id <= MAX_SERVOS), default=0)
+    highest = max((servo_id for servo_id in (*moved, *seen) if 0 < servo_id <= VirtualBoard.MAX_SERVOS), default=0)
     return highest or _USUAL_SERVOS
 
 
@@ -198,11 +195,9 @@ def _moves(board: VirtualBoard, now: float) -> bool:
 
 
 @contextmanager
-def _shown(replay: Replay, *, quiet: bool) -> Iterator[Callable[[Asked | None], None]]:
+def _shown(replay: Replay) -> Iterator[Callable[[Asked | None], None]]:
     """Yield a function to call with each command and with None now and then: it draws, or prints the commands."""
-    if quiet:
-        yield lambda each: None
-    elif can_draw():
+    if can_draw():
         with pictures(lambda width, height, blocks: _picture(replay, (width, height), blocks=blocks)) as draw:
 
             def drawn(each: Asked | None) -> None:
@@ -216,7 +211,7 @@ def _shown(replay: Replay, *, quiet: bool) -> Iterator[Callable[[Asked | None], 
 
         def printed(each: Asked | None) -> None:
             if each is not None:
-                print_text(f"{each.seconds:10.3f}  {_words(each)}")
+                print_for_people(f"{each.seconds:10.3f}  {_words(each)}")
 
         yield printed
 
@@ -240,13 +235,13 @@ def _angles(board: VirtualBoard) -> dict[int, float]:
     return {servo.servo_id: round(servo.angle, 1) for servo in board.servos.values()}
 
 
-def _report(replay: Replay) -> None:
-    """Print where the servos are, and what the virtual board could not know."""
-    print_table(Table(("servo", "angle"), list(_angles(replay.board).items())))
-    print_text(f"played {counted(replay.done, 'command')} of {duration(replay.seconds)}")
+def _text(replay: Replay) -> Iterator[Part]:
+    """Yield where the servos are, and what the virtual board could not know."""
+    yield Table(("servo", "angle"), list(_angles(replay.board).items()))
+    yield f"played {counted(replay.done, 'command')} of {duration(replay.seconds)}"
     stored = sum(isinstance(each.packet, _STORED) for each in replay.commands)
     if stored and not any(replay.board.storage.contents.records.values()):
-        print_error(
-            f"servolink: {counted(stored, 'command')} ran what was stored on the recorded board and is not on this "
+        yield Remark(
+            f"{counted(stored, 'command')} ran what was stored on the recorded board and is not on this "
             "one; --state FILE loads it"
         )

@@ -8,44 +8,49 @@ import platform
 import re
 from collections.abc import Iterator
 from contextlib import AsyncExitStack
-from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
 from servolink.cli.arguments import not_empty, number
-from servolink.cli.boards.doctor import described
+from servolink.cli.boards.doctor import examined
 from servolink.cli.command import RECORDINGS, Command, flag, one_of, option
 from servolink.cli.command_session import (
     KEEP_MODE,
     WOKEN,
     Interruption,
+    connection_options,
+    interruptible,
     mode_restored,
     refuse_without_answer,
-    run_interruptible,
 )
-from servolink.cli.screen.output import Table, print_error, print_json, print_table, print_text
+from servolink.cli.screen.output import Table, print_error
+from servolink.cli.screen.result import CommandResult, Ending, Part, Returned, print_for_people
 from servolink.cli.screen.terminal import confirm
 from servolink.cli.usage import refuse_input, usage_error
-from servolink.doctor.examine import Report, examine
-from servolink.doctor.system import SystemFacts
-from servolink.errors import ServolinkError
-from servolink.recorder.bug_report import FACTS, PROJECT, RECORDING, blank_recording, facts_text, pack, write_report
-from servolink.recorder.new_file import check_free
-from servolink.recorder.private_text import PrivateText
-from servolink.script import FAILED, OK
-
-if TYPE_CHECKING:
-    from servolink.client.board import Board
-    from servolink.transports.device_info import DeviceInfo
+from servolink.client import Board, connect
+from servolink.doctor import Report, SystemFacts, examine
+from servolink.errors import RecordingError, ServolinkError
+from servolink.project import ProjectFile
+from servolink.recorder import BugReport, PrivateText, blank_recording, check_free, record
+from servolink.support import ExitCode
+from servolink.transports import DeviceInfo
 
 _LIBRARIES = ("msgspec", "mcap", "pyserial", "pyserial-asyncio", "hidapi", "pyusb", "aiohttp")
 _VERSION = re.compile(r"\d+(\.\d+)*")
 _HZ = 20.0
+
+
+class ReportWritten(CommandResult, frozen=True):
+    """JSON of `report`: sizes of the file and of each content, in bytes."""
+
+    file: str
+    size_bytes: int
+    contents: dict[str, int]
 
 
 @Command(
@@ -67,39 +72,32 @@ _HZ = 20.0
         flag("--yes", "do not ask"),
     ),
 )
-def run(args: argparse.Namespace) -> int:
+@interruptible("no report was written")
+async def run(args: argparse.Namespace, interruption: Interruption) -> Ending:
     """Collect the facts, show the content of the report, ask, and write the report."""
     refuse_without_answer(args)
     if args.recording:
         refuse_input(args, Path(args.recording), [Path(args.output)])
     check_free(Path(args.output), replace=args.force)  # before people wait for the recording
-
-    async def main(interruption: Interruption) -> int:
-        with TemporaryDirectory(prefix="servolink-") as folder:
-            files = await _collect(args, Path(folder))
-        packed = pack(files)
-        if not args.json:
-            _show_contents(files, len(packed), with_project=args.with_project)
-        if not args.yes and not await confirm(f"write {args.output}?"):
-            print_error("nothing was written")
-            return FAILED
-        write_report(Path(args.output), packed, replace=args.force)
-        if args.json:
-            print_json(
-                {"file": args.output, "size_bytes": len(packed), "contents": {n: len(c) for n, c in files.items()}}
-            )
-        else:
-            print_text(f"wrote {args.output}; `servolink show {args.output}` shows all of it")
-        return OK
-
-    return run_interruptible(main, "no report was written")
+    with TemporaryDirectory(prefix="servolink-") as folder:
+        report = await _collect(args, Path(folder))
+    print_for_people(_contents(report, with_project=args.with_project))
+    if not args.yes and not await confirm(f"write {args.output}?"):
+        print_error("nothing was written")
+        return ExitCode.FAILED
+    report.write(Path(args.output), replace=args.force)
+    contents = {name: len(content) for name, content in report.files.items()}
+    return Returned(
+        ReportWritten(args.output, len(report.packed), contents),
+        f"wrote {args.output}; `servolink show {args.output}` shows all of it",
+    )
 
 
-async def _collect(args: argparse.Namespace, folder: Path) -> dict[str, bytes]:
-    """Return the files of the report."""
+async def _collect(args: argparse.Namespace, folder: Path) -> BugReport:
+    """Return the report."""
     private = PrivateText()
-    examined = await examine(SystemFacts(), args.url, args.byte_order, args.timeout)
-    _learn_devices(examined, args.url, private)
+    found = await examine(SystemFacts(), args.url, args.byte_order, args.timeout)
+    _learn_devices(found, args.url, private)
     facts: dict[str, Any] = {
         "schema": 1,
         "created": datetime.now(UTC).strftime("%Y-%m-%d"),
@@ -107,41 +105,33 @@ async def _collect(args: argparse.Namespace, folder: Path) -> dict[str, bytes]:
         "system": _system(),
     }
     files: dict[str, bytes] = {}
-    path = Path(args.recording) if args.recording else folder / RECORDING
+    path = Path(args.recording) if args.recording else folder / BugReport.RECORDING
     trouble = ""
-    if not examined.is_absent and not args.recording:
+    if not found.is_absent and not args.recording:
         try:
-            facts |= await _talk(args, examined, path, files, private)
+            facts |= await _talk(args, found, path, files, private)
+        except RecordingError:  # a missing extra, or a full disk: the remedy is the person's
+            raise
         except ServolinkError as error:
             trouble = str(error)
     elif args.with_project:
         usage_error(args, "--with-project needs a board, and no --recording")
-    if args.recording and _has_woken(examined):
+    if args.recording and _has_woken(found):
         print_error(WOKEN)
     if args.recording or path.exists():
-        files[RECORDING] = await asyncio.to_thread(blank_recording, path, private)
-    facts["doctor"] = _examination(examined, private)
+        files[BugReport.RECORDING] = await asyncio.to_thread(blank_recording, path, private)
+    facts["doctor"] = _examination(found, private)
     facts["trouble"] = private.blank(trouble)
-    return {FACTS: facts_text(facts), **files}
+    return BugReport(facts, files)
 
 
 async def _talk(
     args: argparse.Namespace, examined: Report, path: Path, files: dict[str, bytes], private: PrivateText
 ) -> dict[str, Any]:
     """Record the board for a while; return counters and profile of the board."""
-    from servolink.client.connect import connect
-    from servolink.recorder.recorder import record
-
     async with AsyncExitStack() as stack:
         board = await stack.enter_async_context(
-            connect(
-                args.url or examined.urls[0],
-                byte_order=args.byte_order,
-                caption_encoding=args.caption_encoding,
-                patience=args.timeout,
-                transmission_mode="auto" if args.keep_mode else None,
-                angle_unit=None,
-            )
+            connect(args.url or examined.urls[0], **connection_options(args), angle_unit=None)
         )
         await stack.enter_async_context(mode_restored(board, keeps_mode=args.keep_mode, woke=_has_woken(examined)))
         if args.seconds:
@@ -149,14 +139,12 @@ async def _talk(
             await stack.enter_async_context(record(path, board, hz=_HZ))
             await asyncio.sleep(args.seconds)
         if args.with_project:
-            files[PROJECT] = await _project(board)
+            files[BugReport.PROJECT] = await _project(board)
         return _of_board(board, private)
 
 
 async def _project(board: Board) -> bytes:
-    from servolink.project.project_file import format_project
-
-    return format_project(await board.export_project()).encode()
+    return ProjectFile(await board.export_project()).text().encode()
 
 
 def _has_woken(examined: Report) -> bool:
@@ -186,11 +174,11 @@ def _learn_devices(examined: Report, given: str | None, private: PrivateText) ->
             private.hide(text)
 
 
-def _examination(examined: Report, private: PrivateText) -> dict[str, Any]:
+def _examination(report: Report, private: PrivateText) -> dict[str, Any]:
     """Return the findings of the doctor, with private texts blanked."""
-    found = described(examined)
-    devices = [{"address": device.url.partition("://")[0], "usb": _usb(device)} for device in examined.candidates]
-    findings = private.blank_all([asdict(finding) for finding in examined.findings])
+    found = msgspec.to_builtins(examined(report))
+    devices = [{"address": device.url.partition("://")[0], "usb": _usb(device)} for device in report.candidates]
+    findings = private.blank_all(found["findings"])
     return {"devices": devices, "response": found["response"], "line": found["line"], "findings": findings}
 
 
@@ -221,18 +209,16 @@ def _system() -> dict[str, str]:
 
 
 _MEANINGS = {
-    FACTS: "versions, doctor's findings, counters and settings",
-    RECORDING: "the recording, its captions and names blanked",
-    PROJECT: "ALL content of the board, captions included",
+    BugReport.FACTS: "versions, doctor's findings, counters and settings",
+    BugReport.RECORDING: "the recording, its captions and names blanked",
+    BugReport.PROJECT: "ALL content of the board, captions included",
 }
 
 
-def _show_contents(files: dict[str, bytes], size: int, *, with_project: bool) -> None:
-    print_table(Table(("file", "bytes", "content"), [(name, len(files[name]), _MEANINGS[name]) for name in files]))
-    print_text("")
-    for line in files[FACTS].decode().splitlines():
-        print_text(line)
-    print_text("")
+def _contents(report: BugReport, *, with_project: bool) -> Iterator[Part]:
+    files = report.files
+    yield Table(("file", "bytes", "content"), [(name, len(files[name]), _MEANINGS[name]) for name in files])
+    yield from ("", *files[BugReport.FACTS].decode().splitlines(), "")
     left_out = "captions, serial numbers, paths, addresses, and the names of programs, boards, hosts and users"
-    print_text(f"not in it: {left_out}" if not with_project else f"captions are only in {PROJECT}")
-    print_text(f"{size} bytes in all")
+    yield f"not in it: {left_out}" if not with_project else f"captions are only in {BugReport.PROJECT}"
+    yield f"{len(report.packed)} bytes in all"

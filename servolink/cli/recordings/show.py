@@ -4,37 +4,35 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from difflib import get_close_matches
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import msgspec
 
 from servolink.cli.arguments import SERVO_ID, not_empty, number
 from servolink.cli.command import RECORDINGS, Command, flag, group, option
-from servolink.cli.screen.output import (
-    Table,
-    console,
-    counted,
-    is_terminal,
-    print_error,
-    print_json,
-    print_table,
-    print_text,
-    sized,
-    text_width,
-)
+from servolink.cli.screen.output import Table, console, counted, is_terminal, sized, text_width
+from servolink.cli.screen.result import CommandResult, Part, Remark, Text, show, show_all
 from servolink.cli.usage import usage_error
-from servolink.escaping import escape, quote
-from servolink.protocol.codec import PACKETS_BY_NAME
-from servolink.recorder.bug_report import RECORDING, is_zip, read_report
-from servolink.recorder.channels import CHANNELS, Recorded
-from servolink.recorder.reading import Recording, Selection, base_name
-from servolink.recorder.recording_summary import Summary
-from servolink.recorder.story import Story, StoryRow, duration
-from servolink.script import OK
+from servolink.errors import escape, quote
+from servolink.protocol import PACKETS
+from servolink.recorder import (
+    CHANNELS,
+    BugReport,
+    Recorded,
+    Recording,
+    Selection,
+    Story,
+    StoryRow,
+    Summary,
+    base_name,
+    duration,
+)
+from servolink.support import ExitCode
 
 SECONDS = number(0, 10**9, "seconds")
 CHANNEL_NAMES = tuple(topic.removeprefix("/") for topic in CHANNELS)
@@ -44,7 +42,7 @@ _WHO = 10  # columns
 
 def _packet(text: str) -> str:
     """Return the name of a packet. Refuse an unknown name, and suggest similar names."""
-    known = {base_name(name): name for name in PACKETS_BY_NAME}
+    known = {base_name(name): name for name in PACKETS.by_name}
     if base_name(text) not in known:
         alike = get_close_matches(base_name(text), known, 1)
         hint = f"; did you mean {known[alike[0]].removesuffix('Response')}?" if alike else ""
@@ -91,54 +89,72 @@ def selection(args: argparse.Namespace) -> Selection:
 def run(args: argparse.Namespace) -> int:
     """Tell the story of a recording, or print its messages as JSON."""
     wanted, path = selection(args), Path(args.file)
-    if is_zip(path):
-        _show_report(args, path, wanted)
+    if BugReport.is_in(path):
+        _show_report(path, wanted)
     else:
-        _show(args, path, wanted)
-    return OK
+        _show(path, wanted)
+    return ExitCode.OK
 
 
-def _show(args: argparse.Namespace, path: Path, wanted: Selection) -> None:
+class ReportShown(CommandResult, frozen=True):
+    """JSON of the first line of `show` for a report: facts, and sizes of the files inside in bytes."""
+
+    report: Mapping[str, Any]
+    files: dict[str, int]
+
+
+class RecordingShown(CommandResult, frozen=True):
+    """JSON of the line of `show` about a recording; null for a recording of unknown origin."""
+
+    recording: Recorded | None
+
+
+class MessageShown(CommandResult, frozen=True):
+    """JSON of each message of `show`: seconds since the start, nanoseconds since 1970, and its content."""
+
+    seconds: float
+    time: int
+    channel: str
+    message: Any
+
+
+class SummaryShown(CommandResult, frozen=True):
+    """JSON of the last line of `show`: the figures of all messages."""
+
+    summary: dict[str, Any]
+
+
+def _show(path: Path, wanted: Selection) -> None:
     recording = Recording(path)
-    if args.json:
-        _print_messages(recording, wanted)
-    else:
-        _tell(recording, wanted)
-        for remark in recording.remarks:
-            print_error(f"servolink: {recording.path}: {remark}")
+    show_all(_messages(recording, wanted), _story(recording, wanted))
 
 
-def _show_report(args: argparse.Namespace, path: Path, wanted: Selection) -> None:
+def _show_report(path: Path, wanted: Selection) -> None:
     """Print the facts of a report, and tell its recording."""
-    facts, files = read_report(path)
-    if args.json:
-        print_json({"report": facts, "files": {name: len(content) for name, content in files.items()}})
-    else:
-        print_table(Table(("file", "bytes"), [(name, len(content)) for name, content in files.items()]))
-        for line in json.dumps(facts, indent=1).splitlines():
-            print_text(line)
-        print_text("")
-    if RECORDING in files:
+    report = BugReport.read(path)
+    files = report.files
+    sizes = {name: len(content) for name, content in files.items()}
+    table = Table(("file", "bytes"), [*sizes.items()])
+    show(ReportShown(report.facts, sizes), [table, *json.dumps(report.facts, indent=1).splitlines(), ""])
+    if BugReport.RECORDING in files:
         with TemporaryDirectory(prefix="servolink-") as folder:
-            unpacked = Path(folder) / RECORDING
-            unpacked.write_bytes(files[RECORDING])
-            _show(args, unpacked, wanted)
+            unpacked = Path(folder) / BugReport.RECORDING
+            unpacked.write_bytes(files[BugReport.RECORDING])
+            _show(unpacked, wanted)
 
 
-def _print_messages(recording: Recording, wanted: Selection) -> None:
-    """Print what was recorded, each message, and the figures, an object a line."""
-    print_json({"recording": recording.about and msgspec.to_builtins(recording.about)})
+def _messages(recording: Recording, wanted: Selection) -> Iterator[CommandResult]:
+    """Yield what was recorded, each message, and the figures."""
+    yield RecordingShown(recording.about)
     summary = Summary()
     for entry in summary.over(recording.entries(wanted)):
-        message = msgspec.to_builtins(entry.message)
-        print_json({"seconds": round(entry.seconds, 6), "time": entry.time, "channel": entry.topic, "message": message})
-    print_json({"summary": {**summary.as_dict(), "remarks": recording.remarks}})
+        yield MessageShown(round(entry.seconds, 6), entry.time, entry.topic, entry.message)
+    yield SummaryShown({**summary.as_dict(), "remarks": recording.remarks})
 
 
-def _tell(recording: Recording, wanted: Selection) -> None:
-    """Print the story and its figures."""
-    print_table(Table((), list(_head(recording))))
-    print_text("")
+def _story(recording: Recording, wanted: Selection) -> Iterator[Text]:
+    """Yield the story and its figures."""
+    yield from (Table((), list(_head(recording))), "")
     # Missing messages show failures too, so the story needs every message.
     summary = Summary()
     entries = summary.over(recording.entries(msgspec.structs.replace(wanted, only_problems=False)))
@@ -146,9 +162,10 @@ def _tell(recording: Recording, wanted: Selection) -> None:
     story = Story(hz=_hz(recording.about), packets=_tells_packets(recording.about, wanted), silences=is_all)
     for line in story.tell(entries):
         if line.is_problem or not wanted.only_problems:
-            _print_line(line)
+            yield _lines(line)
     summary.problems.update(story.silences)
-    _print_summary(summary)
+    yield _figures(summary)
+    yield from (Remark(f"{recording.path}: {remark}") for remark in recording.remarks)
 
 
 def _hz(about: Recorded | None) -> float:
@@ -176,28 +193,26 @@ def _head(recording: Recording) -> Iterator[tuple[str, str]]:
         yield "written by", f"servolink {about.version}"
 
 
-def _print_line(line: StoryRow) -> None:
-    """Print a line of the story, on a terminal in as many lines as its width needs."""
+def _lines(line: StoryRow) -> Iterator[Part]:
+    """Yield a line of the story, on a terminal in as many lines as its width needs."""
     head = f"{line.seconds:10.3f}  {sized(escape(line.who), _WHO)}  "
     text, style = escape(line.text), "bold red" if line.is_problem else ""
     if not is_terminal():
-        print_text(head + text)
+        yield head + text
         return
     from rich.text import Text
 
     terminal = console()
     for part in Text(text).wrap(terminal, max(20, terminal.width - text_width(head))):
-        print_text(head + part.plain.rstrip(), style)
+        yield head + part.plain.rstrip(), style
         head = " " * text_width(head)
 
 
-def _print_summary(summary: Summary) -> None:
+def _figures(summary: Summary) -> Iterator[Part]:
     for table in (_requests(summary), _servos(summary)):
         if table.rows:
-            print_text("")
-            print_table(table)
-    print_text("")
-    print_table(Table((), list(_facts(summary))))
+            yield from ("", table)
+    yield from ("", Table((), list(_facts(summary))))
 
 
 def _requests(summary: Summary) -> Table:

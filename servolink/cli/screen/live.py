@@ -8,17 +8,17 @@ from collections.abc import AsyncIterator, Callable, Container, Iterator, Mappin
 from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import TYPE_CHECKING, TypeAlias
 
-from servolink.cli.screen.output import angle_text, console, is_terminal
+from servolink.cli.screen.output import Form, angle_text, console, is_terminal
 from servolink.cli.screen.terminal import cleanup
-from servolink.escaping import escape
+from servolink.client import Board, Servo
+from servolink.errors import escape
+from servolink.project import Phase, ProgressCallback
+from servolink.project import Progress as ImportProgress
 
 if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
     from rich.table import Table
     from rich.text import Text
-
-    from servolink.client.board import Board
-    from servolink.client.servo_state import Servo
-    from servolink.project.transfer.results import Phase, Progress, ProgressCallback
 
 Draw: TypeAlias = "Callable[[float, Sequence[Servo]], None]"
 """Takes the seconds since the start and what the servos then report."""
@@ -87,12 +87,12 @@ async def redrawn(draw: Callable[[], None], every: float) -> AsyncIterator[None]
 
 
 @contextmanager
-def live_bars(servo_ids: Container[int] = range(256), seconds: float = 0.0, *, shown: bool = True) -> Iterator[Draw]:
+def live_bars(servo_ids: Container[int] = range(256), seconds: float = 0.0) -> Iterator[Draw]:
     """Yield a function that draws the servos, or the servos in `servo_ids`, as bars; the last bars stay visible.
 
-    Below them is the time, as a bar too if it is known that it takes `seconds`. Unless `shown`, nothing is drawn.
+    Below them is the time, as a bar too if it is known that it takes `seconds`. Without a terminal nothing is drawn.
     """
-    if not shown:
+    if not is_terminal():
         yield lambda elapsed, servos: None
         return
     from rich.live import Live
@@ -177,17 +177,33 @@ def pictures(picture: Picture) -> Iterator[Callable[[], None]]:
         displayed.print(drawn())
 
 
+def draws_progress() -> bool:
+    """Return whether progress is drawn: on a terminal at standard error, and not with --json."""
+    return not Form.json and sys.stderr is not None and sys.stderr.isatty()
+
+
+_BESIDE_BAR = ("description", "fields[size]", "fields[item]")
+
+
+@contextmanager
+def progress_bar(label: str, total: int | None = None) -> Iterator[tuple[Progress, TaskID]]:
+    """Yield a bar on standard error and its task; the fields `item` and `size` of the task stand beside the bar."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    begin, size, item = (TextColumn(f"{{task.{name}}}", markup=False) for name in _BESIDE_BAR)
+    columns = (begin, BarColumn(), MofNCompleteColumn(), size, TimeRemainingColumn(), item)
+    displayed = console(stderr=True)
+    with cleanup(displayed.show_cursor), Progress(*columns, console=displayed, transient=True) as bar:
+        yield bar, bar.add_task(label, total=total, item="", size="")
+
+
 @contextmanager
 def counting(label: str, total: int) -> Iterator[Callable[[], None]]:
     """Yield a function to call `total` times; on a terminal, a bar on standard error shows how often it was called."""
-    if sys.stderr is None or not sys.stderr.isatty():
+    if not draws_progress():
         yield lambda: None
         return
-    from rich.progress import Progress as Bar
-
-    displayed = console(stderr=True)
-    with cleanup(displayed.show_cursor), Bar(console=displayed, transient=True) as bar:
-        task = bar.add_task(label, total=total)
+    with progress_bar(label, total) as (bar, task):
         yield lambda: bar.advance(task)
 
 
@@ -203,34 +219,15 @@ PHASES: dict[Phase, str] = {
 
 
 @contextmanager
-def shown_progress(board: Board, *, quiet: bool) -> Iterator[ProgressCallback]:
-    """Yield a callback that draws a bar on standard error; without a terminal, or if `quiet`, no bar is drawn."""
-    if quiet or sys.stderr is None or not sys.stderr.isatty():
+def shown_progress(board: Board) -> Iterator[ProgressCallback]:
+    """Yield a callback that draws a bar on standard error; without a terminal, or with --json, no bar is drawn."""
+    if not draws_progress():
         yield lambda progress: None
-    else:
-        with _bar(board) as update:
-            yield update
-
-
-@contextmanager
-def _bar(board: Board) -> Iterator[ProgressCallback]:
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[size]}", markup=False),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[item]}", markup=False),
-    )
+        return
     phase: Phase | None = None
-    displayed = console(stderr=True)
-    with cleanup(displayed.show_cursor), Bar(*columns, console=displayed, transient=True) as bar:
-        task = bar.add_task(PHASES["reading"], total=None, item="", size="")
+    with progress_bar(PHASES["reading"]) as (bar, task):
 
-        def update(progress: Progress) -> None:
+        def update(progress: ImportProgress) -> None:
             nonlocal phase
             if progress.phase != phase:
                 phase = progress.phase

@@ -5,9 +5,10 @@ Text from outside (a board, a file, the system) is escaped here and nowhere else
 
 from __future__ import annotations
 
-import argparse
+import codecs
 import errno
 import json
+import logging
 import os
 import sys
 import unicodedata
@@ -15,15 +16,22 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import zip_longest
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
-from servolink.errors import EncodeError, Reason, RequestError, ServolinkError, TargetNotReached
-from servolink.escaping import escape
-from servolink.motion.angles import Adc, Angle, Degrees
+from servolink.errors import EncodeError, Reason, RequestError, ServolinkError, TargetNotReached, escape
+from servolink.motion import Adc, Angle, Degrees, is_no_degree
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table as RichTable
+
+
+class Form:
+    """Form of the output of this process."""
+
+    json: ClassVar[bool] = False
+    """Whether programs read it: then nothing is drawn, and nothing is asked."""
+
 
 _UNWRITABLE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF}
 
@@ -56,13 +64,13 @@ def print_error(text: str) -> None:
         silence(2)
 
 
-def fail(error: Exception, code: int, *, as_json: bool, kind: str = "", text: str = "") -> int:
+def fail(error: Exception, code: int, *, kind: str = "", text: str = "") -> int:
     """Print an error as a line of text, or as one JSON object for programs, and return the exit code `code`.
 
     `kind` and `text` replace the class and the text of the error.
     """
     text = text or str(error)
-    if as_json:
+    if Form.json:
         print_json_error(kind or _kind(error), text, **_details(error))
     else:
         print_error(f"servolink: {text}")
@@ -109,7 +117,6 @@ def logged(verbosity: int) -> Iterator[None]:
     if not verbosity:
         yield
         return
-    import logging
 
     class Escaping(logging.Formatter):
         def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
@@ -151,19 +158,6 @@ def table_of(columns: Mapping[str, Sequence[object]], always: Collection[str] = 
     return Table(tuple(shown), list(zip(*shown.values(), strict=True)))
 
 
-def print_json(described: dict[str, Any]) -> None:
-    """Print one object on one line of ASCII."""
-    print(json.dumps(described), flush=True)
-
-
-def print_result(args: argparse.Namespace, described: dict[str, Any], text: str) -> None:
-    """Print `described` for programs, with --json, or `text` for people."""
-    if args.json:
-        print_json(described)
-    else:
-        print_text(text)
-
-
 def print_table(table: Table) -> None:
     """Print a table, drawn on a terminal and as plain lines elsewhere."""
     if is_terminal():
@@ -183,8 +177,8 @@ def print_text(text: str, style: str = "") -> None:
 
 
 def is_terminal() -> bool:
-    """Return whether standard output is a terminal."""
-    return sys.stdout is not None and sys.stdout.isatty()
+    """Return whether standard output is a terminal on which people read text."""
+    return not Form.json and sys.stdout is not None and sys.stdout.isatty()
 
 
 def console(*, stderr: bool = False) -> Console:
@@ -262,11 +256,28 @@ def counted(count: int, noun: str) -> str:
 
 def angle_text(angle: int) -> str:
     """Return an angle as written by people, with the unit if known."""
+    if is_no_degree(angle):
+        return f"{angle}° (beyond 360)"
     return f"{angle}°" if isinstance(angle, Degrees) else f"{angle} ADC" if isinstance(angle, Adc) else str(angle)
 
 
+SPOKEN = "servolink.spoken"
+"""Error handler of the output: characters unknown to the terminal become words, or else escapes."""
+_WORDS_FOR = {"°": " deg", "±": "+-"}
+
+
+def _speak(error: UnicodeError) -> tuple[str, int]:
+    assert isinstance(error, UnicodeEncodeError)  # noqa: S101 - only output is handled
+    character = error.object[error.start]
+    return _WORDS_FOR.get(character) or character.encode("ascii", "backslashreplace").decode(), error.start + 1
+
+
+codecs.register_error(SPOKEN, _speak)
+
+
 def _cells(row: Sequence[object]) -> list[str]:
-    return [_cell(value) for value in row]
+    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"  # here, as words are wider than characters
+    return [_cell(value).encode(encoding, SPOKEN).decode(encoding) for value in row]
 
 
 def _cell(value: object) -> str:

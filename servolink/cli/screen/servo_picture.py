@@ -10,14 +10,10 @@ from textwrap import wrap
 
 from servolink.cli.screen.live import Line
 from servolink.cli.screen.output import angle_text, cut, sized, text_width
-from servolink.client.alarms import Alarm, RaisedAlarm
-from servolink.client.button_events import ButtonEvent
-from servolink.client.servo_readings import ServoReading
-from servolink.client.servo_state import Servo
-from servolink.connection.stats import Stats
-from servolink.escaping import escape
-from servolink.motion.angles import Degrees
-from servolink.motion.limits import MotionLimits
+from servolink.client import Alarm, ButtonEvent, RaisedAlarm, Servo, ServoReading
+from servolink.connection import Stats
+from servolink.errors import escape
+from servolink.motion import Degrees, MotionLimits
 
 SCALE = (-180.0, 180.0)
 """Degrees between which a servo without limits is drawn; the protocol's document gives no range."""

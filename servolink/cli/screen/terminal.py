@@ -10,8 +10,9 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import NoReturn
 
-from servolink.cli.screen.output import print_error
-from servolink.escaping import escape
+from servolink.cli.screen.output import Form, print_error
+from servolink.errors import escape
+from servolink.support import begin_keys, read_line
 
 _cleanups: list[Callable[[], object]] = []
 
@@ -36,8 +37,8 @@ def end_process(code: int) -> NoReturn:
 
 
 def can_ask() -> bool:
-    """Return whether somebody can be asked: standard input and standard error are a terminal."""
-    return bool(sys.stdin and sys.stdin.isatty() and sys.stderr and sys.stderr.isatty())
+    """Return whether somebody can be asked: no JSON is printed, and input and standard error are a terminal."""
+    return bool(not Form.json and sys.stdin and sys.stdin.isatty() and sys.stderr and sys.stderr.isatty())
 
 
 async def confirm(question: str) -> bool:
@@ -45,7 +46,12 @@ async def confirm(question: str) -> bool:
 
     Call it only if `can_ask()`. The loop and signals keep working meanwhile.
     """
-    return (await _answer_to(f"{question} [y/N] ")).strip().lower() in ("y", "yes")
+    return await _confirm(question)
+
+
+async def confirm_motion(question: str) -> bool:
+    """As `confirm`, for a motion of another program: what was typed before the question is no answer to it."""
+    return await _confirm(question, typed_from_now=True)
 
 
 async def wait_for_enter(request: str) -> bool:
@@ -56,13 +62,16 @@ async def wait_for_enter(request: str) -> bool:
     return await _answer_to(request) == "\n"
 
 
-async def _answer_to(request: str) -> str:
-    """Print `request` on standard error and return the typed line; the next message starts a line in any case."""
-    from servolink.platforms.keyboard import read_line  # late, as below: most commands ask nothing
+async def _confirm(question: str, *, typed_from_now: bool = False) -> bool:
+    answer = await _answer_to(f"{question} [y/N] ", typed_from_now=typed_from_now)
+    return answer.strip().lower() in ("y", "yes")
 
+
+async def _answer_to(request: str, *, typed_from_now: bool = False) -> str:
+    """Print `request` on standard error and return the typed line; the next message starts a line in any case."""
     print(escape(request), end="", file=sys.stderr, flush=True)
     try:
-        answer = await read_line()
+        answer = await read_line(typed_from_now=typed_from_now)
     except asyncio.CancelledError:
         print_error("")
         raise
@@ -74,8 +83,6 @@ async def _answer_to(request: str) -> str:
 @contextmanager
 def single_keys(typed: Callable[[str], None]) -> Iterator[bool]:
     """Call `typed` with each key, without echo. Yield False, and call nothing, if there is no keyboard to read."""
-    from servolink.platforms.keyboard import begin_keys
-
     end = begin_keys(typed)
     if end is None:
         yield False

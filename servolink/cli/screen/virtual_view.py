@@ -9,13 +9,11 @@ from contextlib import asynccontextmanager
 from servolink.cli.screen.live import Line, pictures, redrawn
 from servolink.cli.screen.output import counted
 from servolink.cli.screen.servo_picture import LEGEND, Watched, picture_of_servos, wrapped
-from servolink.client.servo_readings import ServoReading
-from servolink.client.servo_state import Servo
-from servolink.connection.stats import Stats
-from servolink.motion.angles import Degrees
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.board_script import HELP
-from servolink.virtual.simulated_servo import SimulatedServo as VirtualServo
+from servolink.client import Servo, ServoReading
+from servolink.connection import Stats
+from servolink.motion import Degrees
+from servolink.virtual import Keys, VirtualBoard
+from servolink.virtual import SimulatedServo as VirtualServo
 
 _EVERY = 0.1  # seconds
 
@@ -36,7 +34,7 @@ async def shown(board: VirtualBoard, urls: list[str]) -> AsyncIterator[None]:
 
 def picture(board: VirtualBoard, urls: list[str], size: tuple[int, int], *, blocks: bool) -> list[Line]:
     """Return the board as lines, for a width and a height (`size`)."""
-    foot = [*wrapped(HELP, size[0], "dim"), *wrapped(LEGEND, size[0], "dim")]
+    foot = [*wrapped(Keys.HELP, size[0], "dim"), *wrapped(LEGEND, size[0], "dim")]
     head = [line for text, style in _head(board, urls) for line in wrapped(text, size[0], style)]
     return picture_of_servos(servos_of(board), head, foot, size, blocks=blocks)
 

@@ -16,21 +16,24 @@ from servolink.cli.command_session import UNFINISHED_IMPORT, UNTOUCHED, Interrup
 from servolink.cli.motion.servo_output import warn_of_missing
 from servolink.cli.projects.apply import BoardImport
 from servolink.cli.screen.live import shown_progress
-from servolink.cli.screen.output import print_error, print_text
-from servolink.cli.stored.record_tables import print_changes
-from servolink.client.board import Board
-from servolink.client.captions import ALL
-from servolink.errors import ProjectError
-from servolink.escaping import quote
-from servolink.project.build import refuse_new_errors
-from servolink.project.model import Project
-from servolink.project.naming import Named, id_or_caption, listed
-from servolink.project.record_lookup import by_servo, name_of
-from servolink.project.transfer.import_plan import compare
-from servolink.project.transfer.results import Change, Plan, ProgressCallback
-from servolink.project.validate import duplicates
-from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES
-from servolink.protocol.records import ServoParameter
+from servolink.cli.screen.output import print_error
+from servolink.cli.screen.result import Ending, Part
+from servolink.cli.stored.record_tables import changes_text
+from servolink.client import ALL, Board
+from servolink.errors import ProjectError, quote
+from servolink.project import (
+    Change,
+    Named,
+    Plan,
+    ProgressCallback,
+    Project,
+    compare,
+    duplicates,
+    id_or_caption,
+    name_of,
+    refuse_new_errors,
+)
+from servolink.protocol import SERVO_PARAMETER, STORED_TYPES, ServoParameter
 
 Edit: TypeAlias = Callable[[Project, str], Project]
 """Function from the content of the board and the caption encoding to the new content."""
@@ -46,7 +49,7 @@ def change_board(
     `prepare` reads first what else `edit` has to know.
     """
 
-    async def talk(board: Board, interruption: Interruption) -> int:
+    async def talk(board: Board, interruption: Interruption) -> Ending:
         if prepare is not None:
             await prepare(board)
         return await change_content(args, board, interruption, edit)
@@ -54,14 +57,14 @@ def change_board(
     return run_with_board(args, talk, greet=False, state=UNTOUCHED)
 
 
-async def change_content(args: argparse.Namespace, board: Board, interruption: Interruption, edit: Edit) -> int:
-    """Write the content changed by `edit` to the board, and return the exit code.
+async def change_content(args: argparse.Namespace, board: Board, interruption: Interruption, edit: Edit) -> Ending:
+    """Write the content changed by `edit` to the board.
 
     Raise ProjectError if it holds an unfinished import, or if another program changes it meanwhile.
     """
     if await board.has_unfinished_import():
         raise ProjectError(f"{UNFINISHED_IMPORT}; {UNTOUCHED}")
-    with shown_progress(board, quiet=args.json) as on_progress:
+    with shown_progress(board) as on_progress:
         before = await board.export_project(on_progress=on_progress)
     after = edit(before, board.codec.caption_encoding)
     wanted = compare(before, after)
@@ -79,7 +82,7 @@ async def change_content(args: argparse.Namespace, board: Board, interruption: I
             raise ProjectError(f"{board.url}: another program is changing the board; {UNTOUCHED}; try again")
         return found
 
-    return await BoardImport(args, board, interruption, _WAY_OUT, show=show_changes).run(
+    return await BoardImport(args, board, interruption, _WAY_OUT, text=changed_text).run(
         plan, lambda show: board.apply_project(after, unchecked=True, on_progress=show)
     )
 
@@ -120,7 +123,7 @@ def newly_shared_captions(before: Project, after: Project) -> Iterator[str]:
         for caption in sorted({one.caption for one in new - old} - {""}):
             same = sorted(one for one in new if one.caption == caption)
             if len(same) > 1:
-                yield f"{listed(same)} share a caption"
+                yield f"{Named.listed(same)} share a caption"
 
 
 def _renamed(change: Change) -> Change:
@@ -131,11 +134,11 @@ def _renamed(change: Change) -> Change:
     return Change(change.what, ServoParameter(stored.servo_id), stored)
 
 
-def show_changes(plan: Plan) -> None:
-    """Print the planned changes, without the costs."""
-    print_changes([_renamed(change) for change in plan.changes])
+def changed_text(plan: Plan) -> Iterator[Part]:
+    """Yield the planned changes, without the costs."""
+    yield from changes_text([_renamed(change) for change in plan.changes])
     if not plan.differs:
-        print_text("nothing to change: the board already matches")
+        yield "nothing to change: the board already matches"
 
 
 async def change_parameters(
@@ -143,14 +146,11 @@ async def change_parameters(
     board: Board,
     interruption: Interruption,
     changes: Mapping[int, Callable[[ServoParameter], ServoParameter]],
-) -> int:
-    """Store servo parameters changed by `changes`, by servo id, after a backup, and read the result back.
-
-    Return the exit code.
-    """
+) -> Ending:
+    """Store servo parameters changed by `changes`, by servo id, after a backup, and read the result back."""
 
     def edit(project: Project, encoding: str) -> Project:
-        stored = by_servo(project)
+        stored = project.by_servo()
         for servo_id, change in changes.items():
             stored[servo_id] = change(stored.get(servo_id, ServoParameter(servo_id)))
         after = replace(project, servo_parameters=tuple(stored.values()))

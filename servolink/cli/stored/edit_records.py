@@ -7,20 +7,26 @@ from functools import partial
 from typing import Any
 
 from servolink.cli.command_session import UNTOUCHED, Interruption, on_board, refuse_without_answer
-from servolink.cli.screen.output import print_result
+from servolink.cli.screen.result import CommandResult, Returned
 from servolink.cli.stored.change import change_board
 from servolink.cli.stored.given import empty, maker, stored_record
 from servolink.cli.stored.show_records import kind_of
 from servolink.cli.usage import usage_error
-from servolink.client.board import Board
-from servolink.client.captions import ALL
+from servolink.client import ALL, Board
 from servolink.errors import NotFound, ProjectError
-from servolink.project.model import Project
-from servolink.project.project_file import load_project
-from servolink.project.record_lookup import find, name_of, with_caption, with_id
-from servolink.project.single_record import add_from, add_record, remove_records, replace_from, replace_record
-from servolink.protocol.record_types import RecordType
-from servolink.script import OK
+from servolink.project import (
+    Project,
+    add_from,
+    add_record,
+    load_project,
+    name_of,
+    remove_records,
+    replace_from,
+    replace_record,
+    with_caption,
+    with_id,
+)
+from servolink.protocol import RecordType
 
 
 def run_add(args: argparse.Namespace) -> int:
@@ -92,7 +98,7 @@ def _from_file(args: argparse.Namespace, kind: RecordType[Any]) -> tuple[Project
     if any(getattr(args, name, None) is not None for name in ("pose", "seconds", "play", "press", "long_press", "up")):
         usage_error(args, f"{args.needed} and --from are both given; choose one")
     source = load_project(args.source, unchecked=True)
-    return source, find(source, args.what, (kind,))
+    return source, source.find(args.what, (kind,))
 
 
 def run_rename(args: argparse.Namespace) -> int:
@@ -117,8 +123,14 @@ def run_delete(args: argparse.Namespace) -> int:
     return change_board(args, edit)
 
 
+class TableActivated(CommandResult, frozen=True):
+    """JSON of `table activate`: the id of the active table."""
+
+    active_joystick_table: int
+
+
 @on_board(state=UNTOUCHED)
-async def run_activate(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
+async def run_activate(args: argparse.Namespace, board: Board, interruption: Interruption) -> Returned:
     """Activate a joystick table, and read the active table back."""
     table = await board.joystick_table(args.record)
     interruption.state = f"{name_of(table)} may be active"
@@ -127,5 +139,4 @@ async def run_activate(args: argparse.Namespace, board: Board, interruption: Int
     interruption.state = f"joystick table {active or 'none'} is active"
     if active != table.table_id:
         raise ProjectError(f"{board.url} accepted {name_of(table)}, but reports {active or 'none'} as active")
-    print_result(args, {"active_joystick_table": active}, f"{name_of(table)} is active")
-    return OK
+    return Returned(TableActivated(table.table_id), f"{name_of(table)} is active")

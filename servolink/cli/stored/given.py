@@ -12,18 +12,26 @@ from typing import Any, TypeAlias
 from msgspec.structs import replace
 
 from servolink.cli.command_session import UNTOUCHED
-from servolink.cli.stored.verbs import DEFAULT_SECONDS, Part
+from servolink.cli.stored.verbs import DEFAULT_SECONDS, MacroPart
 from servolink.cli.usage import usage_error
-from servolink.errors import AmbiguousName, EncodeError, NotFound, ServolinkError
-from servolink.escaping import quote
-from servolink.files import read_file, reason
-from servolink.json_text import MAX_SIZE, read_json
-from servolink.project.model import Project
-from servolink.project.naming import Named, captioned, closest, id_or_caption, listed
-from servolink.project.record_lookup import find_servo
-from servolink.protocol.json_form import record_from_json, record_to_json
-from servolink.protocol.record_types import ACTION, MACRO, TABLE, Record, RecordType
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, MacroCommandType
+from servolink.errors import AmbiguousName, EncodeError, NotFound, ServolinkError, quote
+from servolink.project import Named, Project, id_or_caption
+from servolink.protocol import (
+    ACTION,
+    MACRO,
+    TABLE,
+    Action,
+    Button,
+    JoystickTable,
+    Macro,
+    MacroCommand,
+    MacroCommandType,
+    Record,
+    RecordType,
+    record_from_json,
+    record_to_json,
+)
+from servolink.support import MAX_SIZE, read_file, read_json, reason
 
 Make: TypeAlias = Callable[[Any, Project], Any]
 """Function from the stored record, or an empty record, and the content of the board to the new record."""
@@ -87,7 +95,7 @@ def _action(args: argparse.Namespace, old: Action, project: Project) -> Action:
     if args.pose is None:
         interval = Action.pose("", {0: 0}, seconds=args.seconds).steps[0].interval
         return replace(old, steps=tuple(replace(step, interval=interval) for step in old.steps))
-    angles = {find_servo(project, servo): angle for servo, angle in args.pose}
+    angles = {project.find_servo(servo): angle for servo, angle in args.pose}
     if len(angles) < len(args.pose):
         raise EncodeError(f"a servo is given twice; {UNTOUCHED}")
     seconds = args.seconds if args.seconds is not None else old.seconds if old.steps else DEFAULT_SECONDS
@@ -98,7 +106,7 @@ def _macro(args: argparse.Namespace, old: Macro, project: Project) -> Macro:
     return replace(old, commands=tuple(_command(part, project) for part in args.play))
 
 
-def _command(part: Part, project: Project) -> MacroCommand:
+def _command(part: MacroPart, project: Project) -> MacroCommand:
     if part.word == "wait":
         return MacroCommand(int(part.value), MacroCommandType.DELAY.value, part.ratio, part.loop)
     kind, record_id = _run(project, part)
@@ -106,21 +114,21 @@ def _command(part: Part, project: Project) -> MacroCommand:
     return MacroCommand(record_id, command_type.value, part.ratio, part.loop)
 
 
-def _run(project: Project, part: Part) -> tuple[RecordType[Any], int]:
+def _run(project: Project, part: MacroPart) -> tuple[RecordType[Any], int]:
     """Return type and id of what a part of a macro runs."""
     kinds: dict[str, RecordType[Any]] = {ACTION.label: ACTION, MACRO.label: MACRO}
     if part.word:
         return kinds[part.word], _id(project, kinds[part.word], part.value)
     caption = id_or_caption(str(part.value))
     named = [one for kind in kinds.values() for one in _named(project, kind)]
-    found = captioned(named, str(caption))
+    found = Named.captioned(named, str(caption))
     if len(found) > 1:
         raise AmbiguousName(
-            f"{quote(caption)} may be {listed(found, 'or')}; give type and id, as in "
+            f"{quote(caption)} may be {Named.listed(found, 'or')}; give type and id, as in "
             f"{found[0].label}:{found[0].record_id}; {UNTOUCHED}"
         )
     if not found:
-        there = closest(named, str(caption), "actions or macro")
+        there = Named.closest(named, str(caption), "actions or macro")
         raise NotFound(f"the board has no action or macro {quote(caption)}; {UNTOUCHED}; {there}")
     return kinds[found[0].label], found[0].record_id
 
@@ -154,12 +162,14 @@ def stored_record(project: Project, kind: RecordType[Any], name: int | str) -> A
     records = kind.by_id(project)
     named = _named(project, kind)
     meant = id_or_caption(name) if isinstance(name, str) else name
-    found = captioned(named, meant) if isinstance(meant, str) else [one for one in named if one.record_id == meant]
+    found = (
+        Named.captioned(named, meant) if isinstance(meant, str) else [one for one in named if one.record_id == meant]
+    )
     if len(found) == 1:
         return records[found[0].record_id]
     if found:
-        raise AmbiguousName(f"{quote(meant)} may be {listed(found, 'or')}; give the id; {UNTOUCHED}")
-    there = closest(named, meant if isinstance(meant, str) else "", kind.label)
+        raise AmbiguousName(f"{quote(meant)} may be {Named.listed(found, 'or')}; give the id; {UNTOUCHED}")
+    there = Named.closest(named, meant if isinstance(meant, str) else "", kind.label)
     raise NotFound(f"the board has no {kind} {quote(meant)}; {UNTOUCHED}; {there}")
 
 

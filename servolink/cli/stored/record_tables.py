@@ -6,13 +6,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from difflib import SequenceMatcher
 from typing import Any
 
-from servolink.cli.screen.output import Table, print_text
-from servolink.project.model import is_unfinished
-from servolink.project.record_lookup import name_of
-from servolink.project.summary import caption_of, summary_of
-from servolink.project.transfer.results import Change
-from servolink.protocol.record_types import ACTION, MACRO, TABLE, type_of
-from servolink.protocol.records import Action, Button, Macro, MacroCommand, MacroCommandType, ServoParameter, Step
+from servolink.cli.screen.output import Table
+from servolink.cli.screen.result import Part
+from servolink.project import UNFINISHED, Change, caption_of, described, name_of
+from servolink.protocol import (
+    ACTION,
+    MACRO,
+    TABLE,
+    Action,
+    Button,
+    Macro,
+    MacroCommand,
+    MacroCommandType,
+    RecordType,
+    ServoParameter,
+    Step,
+)
 
 _COLUMNS = {
     ACTION: ("servo", "angle", "seconds"),
@@ -23,7 +32,7 @@ _COLUMNS = {
 
 def record_table(record: Action | Macro | Any) -> Table:
     """Return a record as a table for people, with one row for each part."""
-    kind = type_of(record)
+    kind = RecordType.of(record)
     return Table(_COLUMNS[kind], [_row(part) for part in kind.parts_of(record)], name_of(record))
 
 
@@ -55,11 +64,10 @@ _MOST_COMPARED = 1_000_000
 """The most pairs of lines to compare; more take seconds."""
 
 
-def print_changes(changes: Sequence[Change]) -> None:
-    """Print changes, each on separate lines."""
+def changes_text(changes: Sequence[Change]) -> Iterator[Part]:
+    """Yield changes, each as separate lines."""
     for change in changes:
-        for line in lines_of(change):
-            print_text(line, _STYLES.get(line.strip()[:1], ""))
+        yield from ((line, _STYLES.get(line.strip()[:1], "")) for line in lines_of(change))
 
 
 def change_word(change: Change) -> str:
@@ -107,19 +115,19 @@ def _summary(value: Any) -> str:
     """Return caption and size of a record, or the id."""
     if isinstance(value, int):
         return f": {_id_text(value)}"
-    return f" '{caption_of(value)}': {summary_of(value)}"
+    return f" {described(value)}"
 
 
 def _id_text(value: int) -> str:
     """Return an id; during an import the project id is none."""
-    return "an unfinished import" if is_unfinished(value) else str(value)
+    return "an unfinished import" if value in UNFINISHED else str(value)
 
 
 def _part_texts(stored: Any) -> list[str]:
     """Return a text for each part of a record, different for different parts."""
     if isinstance(stored, ServoParameter):
         return [f"corrected by {stored.adjusted_degree}°"]
-    return [_part_text(at, part) for at, part in enumerate(type_of(stored).parts_of(stored), 1)]
+    return [_part_text(at, part) for at, part in enumerate(RecordType.of(stored).parts_of(stored), 1)]
 
 
 def _part_text(at: int, part: Step | MacroCommand | Button) -> str:

@@ -3,35 +3,41 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from msgspec.structs import replace
 
 from servolink.cli.arguments import MOST_TRIM, SERVO_NAME, whole_number
 from servolink.cli.command import Command, option
 from servolink.cli.command_session import UNTOUCHED, Interruption, on_board, run_with_board
-from servolink.cli.motion.servo_output import print_servos
-from servolink.cli.screen.output import print_json, print_text
+from servolink.cli.motion.servo_output import servos_returned
+from servolink.cli.screen.result import CommandResult, Ending, Returned
+from servolink.cli.stored.change import change_parameters
+from servolink.client import Board, find_servos
 from servolink.errors import NotFound
-from servolink.script import OK
-
-if TYPE_CHECKING:
-    from servolink.client.board import Board
-
+from servolink.protocol import ALL_SERVOS
 
 _ANY = "id or caption, or all"
+
+
+class AngleUnitSet(CommandResult, frozen=True):
+    """JSON of `servo unit`; the id 255 stands for all servos."""
+
+    servo_ids: list[int]
+    angle_unit: str
 
 
 _SERVOS = (option("servos", "SERVO", _ANY, SERVO_NAME, nargs="+"),)
 
 
 @on_board(state="no servo was changed")
-async def run_state(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
+async def run_state(args: argparse.Namespace, board: Board, interruption: Interruption) -> Returned:
     """Start servos, or stop and hold servos, and print the reports of the servos afterwards."""
     servo_ids, captions = await _find_servos(board, args.servos)
     for servo_id in servo_ids:
         interruption.state = f"servos may have been {args.done}; `servolink servos` shows them"
         await board.set_servo(servo_id, start=args.start, hold=True)
-    print_servos(await board.servos(), as_json=args.json, captions=captions)
-    return OK
+    return servos_returned(await board.servos(), captions)
 
 
 SERVO_START = Command(
@@ -62,20 +68,15 @@ _SERVO = (option("servo", "SERVO", "id or caption", SERVO_NAME),)
     options=(*_SERVOS, option("unit", "degree|adc", "degrees or raw ADC readings")),
 )
 @on_board(state="no unit was set", angle_unit=None)
-async def run_unit(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
+async def run_unit(args: argparse.Namespace, board: Board, interruption: Interruption) -> Returned:
     """Set the unit of angles."""
-    from servolink.protocol.servos import ALL_SERVOS
-
     servo_ids, _ = await _find_servos(board, args.servos)
     for servo_id in servo_ids:
         interruption.state = "units of angles may have been set"
         await board.set_angle_unit(args.unit, servo_id)
-    if args.json:
-        print_json({"servo_ids": servo_ids, "angle_unit": args.unit})
-    else:
-        which = "all servos" if ALL_SERVOS in servo_ids else ", ".join(f"servo {one}" for one in servo_ids)
-        print_text(f"{which}: angles are in {'degrees' if args.unit == 'degree' else 'raw ADC readings'}")
-    return OK
+    which = "all servos" if ALL_SERVOS in servo_ids else ", ".join(f"servo {one}" for one in servo_ids)
+    text = f"{which}: angles are in {'degrees' if args.unit == 'degree' else 'raw ADC readings'}"
+    return Returned(AngleUnitSet(servo_ids, args.unit), text)
 
 
 async def _find_servos(
@@ -85,9 +86,6 @@ async def _find_servos(
 
     Raise NotFound, before anything is changed, for a servo that is missing.
     """
-    from servolink.client.captions import find_servos
-    from servolink.protocol.servos import ALL_SERVOS
-
     found, captions = await find_servos(board, servos)
     there = await board.servo_ids()
     allowed = {*there, ALL_SERVOS} if takes_all else {*there}
@@ -132,11 +130,8 @@ def run_trim(args: argparse.Namespace) -> int:
 
 def _change(args: argparse.Namespace, **fields: Any) -> int:
     """Change the stored settings of a servo."""
-    from msgspec.structs import replace
 
-    from servolink.cli.stored.change import change_parameters
-
-    async def talk(board: Board, interruption: Interruption) -> int:
+    async def talk(board: Board, interruption: Interruption) -> Ending:
         [servo_id], _ = await _find_servos(board, [args.servo], takes_all=False)
         return await change_parameters(args, board, interruption, {servo_id: lambda one: replace(one, **fields)})
 

@@ -5,35 +5,36 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from msgspec import UNSET, UnsetType
+
 from servolink.cli.arguments import RECORD_NAME
 from servolink.cli.command import STORED, Command, option
-from servolink.cli.command_session import KEEP_MODE, Interruption, run_with_board
-from servolink.cli.screen.output import Table, print_json, print_table, print_text
+from servolink.cli.command_session import KEEP_MODE, Interruption, on_board
+from servolink.cli.screen.output import Table
+from servolink.cli.screen.result import CommandResult, Returned
 from servolink.cli.stored import NOUNS, a
 from servolink.cli.stored.record_tables import record_table
-from servolink.client.board import Board
-from servolink.protocol.json_form import record_to_json
-from servolink.protocol.record_types import ACTION, MACRO, TABLE, RecordType
-from servolink.script import OK
+from servolink.client import Board
+from servolink.protocol import ACTION, MACRO, TABLE, RecordType, record_to_json
 
 
-def run(args: argparse.Namespace) -> int:
-    """Print the list, or one record."""
+class StoredRecords(CommandResult, frozen=True, kw_only=True):
+    """JSON of `actions`, `macros`, `tables`, `action list`, `macro list` and `table list`: entries of one type."""
+
+    actions: list[dict[str, Any]] | UnsetType = UNSET
+    macros: list[dict[str, Any]] | UnsetType = UNSET
+    joystick_tables: list[dict[str, Any]] | UnsetType = UNSET
+
+
+@on_board()
+async def run(args: argparse.Namespace, board: Board, interruption: Interruption) -> Returned:
+    """Return the list, or one record."""
     kind = kind_of(args)
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        if args.record is None:
-            await _print_list(board, kind, json=args.json)
-        else:
-            read: Any = {ACTION: board.action, MACRO: board.macro, TABLE: board.joystick_table}[kind]
-            record = await read(args.record)
-            if args.json:
-                print_json(record_to_json(record))
-            else:
-                print_table(record_table(record))
-        return OK
-
-    return run_with_board(args, talk)
+    if args.record is None:
+        return await _list(board, kind)
+    read: Any = {ACTION: board.action, MACRO: board.macro, TABLE: board.joystick_table}[kind]
+    record = await read(args.record)
+    return Returned(record_to_json(record), record_table(record))
 
 
 NAME = option("record", "NAME", "its caption or id, as in the list", RECORD_NAME)
@@ -75,17 +76,16 @@ def kind_of(args: argparse.Namespace) -> RecordType[Any]:
     return kinds[args.command.partition(" ")[0].removesuffix("s")]
 
 
-async def _print_list(board: Board, kind: RecordType[Any], *, json: bool) -> None:
+async def _list(board: Board, kind: RecordType[Any]) -> Returned:
     active = await board.active_joystick_table() if kind is TABLE else None
     entries = kind.entries_in(await board.request(kind.list_request))
-    if json:
-        more = [{"is_active": kind.id_of(one) == active} if kind is TABLE else {} for one in entries]
-        print_json({kind.field: [record_to_json(one) | extra for one, extra in zip(entries, more, strict=True)]})
-    elif not entries:
-        print_text(f"no {kind} is stored on the board")
-    else:
-        rows = [
-            (kind.id_of(one), kind.caption_of(one), *([kind.id_of(one) == active] if kind is TABLE else []))
-            for one in entries
-        ]
-        print_table(Table((kind.label, "caption", *(["active"] if kind is TABLE else [])), rows))
+    is_active = [[kind.id_of(one) == active] if kind is TABLE else [] for one in entries]
+    records = [
+        record_to_json(one) | dict(zip(("is_active",), is_it, strict=False))
+        for one, is_it in zip(entries, is_active, strict=True)
+    ]
+    value = StoredRecords(**{kind.field: records})
+    if not entries:
+        return Returned(value, f"no {kind} is stored on the board")
+    rows = [(kind.id_of(one), kind.caption_of(one), *is_it) for one, is_it in zip(entries, is_active, strict=True)]
+    return Returned(value, Table((kind.label, "caption", *(["active"] if kind is TABLE else [])), rows))

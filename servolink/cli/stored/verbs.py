@@ -12,7 +12,7 @@ from servolink.cli.arguments import RECORD_ID, RECORD_NAME, file_path, number, o
 from servolink.cli.command import Command, Option, flag, late, option
 from servolink.cli.motion.move import servo_angle
 from servolink.cli.stored import NOUNS, a
-from servolink.escaping import quote
+from servolink.errors import quote
 
 DEFAULT_SECONDS = 1.0
 """Of an action, if none are given."""
@@ -23,7 +23,7 @@ _BUTTON = whole_number(0, 2**32 - 1)
 _MACRO_OR_NONE = or_caption(whole_number(0, 2**31 - 1))
 
 
-class Part(NamedTuple):
+class MacroPart(NamedTuple):
     """A part of a macro, as it is typed."""
 
     word: str
@@ -38,7 +38,7 @@ def _each(read: Callable[[str], Any], text: str) -> list[Any]:
     return [read(part) for part in text.split(",")]
 
 
-def _part(text: str) -> Part:
+def _part(text: str) -> MacroPart:
     found = _PART.fullmatch(text)
     if found is None:
         raise argparse.ArgumentTypeError(
@@ -49,13 +49,13 @@ def _part(text: str) -> Part:
     loop = whole_number(0, 0x7FFF)(found[3] or "1")
     ratio = whole_number(1, 100)(found[4] or "100")
     if word == "wait":
-        return Part(word, round(number(0, 2_147_483, "seconds")(value) * 1000), loop, ratio)
+        return MacroPart(word, round(number(0, 2_147_483, "seconds")(value) * 1000), loop, ratio)
     name = RECORD_NAME(value)
     if not word and isinstance(name, int):
         raise argparse.ArgumentTypeError(
             f"{quote(text)} must say of what it is the id, as in action:{name} or macro:{name}"
         )
-    return Part(word, name, loop, ratio)
+    return MacroPart(word, name, loop, ratio)
 
 
 def _assigned(text: str) -> tuple[int, int | str]:
@@ -96,7 +96,7 @@ _TABLE = tuple(
 _NAME = option("record", "NAME", "its caption or id, as in the list", RECORD_NAME)
 
 
-class _About(NamedTuple):
+class _Noun(NamedTuple):
     """Differences between actions, macros and tables."""
 
     options: tuple[Option, ...]
@@ -114,11 +114,11 @@ class _About(NamedTuple):
 
 
 _TYPES = {
-    "action": _About(_action("as before"), "--pose", "Wave --pose 1=30,2=-10 --seconds 0.5", "Bow", "--seconds 2", 2),
-    "macro": _About(
+    "action": _Noun(_action("as before"), "--pose", "Wave --pose 1=30,2=-10 --seconds 0.5", "Bow", "--seconds 2", 2),
+    "macro": _Noun(
         _MACRO, "--play", "Dance --play action:1,wait:0.5,action:1x3@50", "Greet", "--play action:1,wait:1", 2
     ),
-    "table": _About(_TABLE, "--press, --long-press or --up", "Left --press 7=1 --up 8=1", "Pad", "--long-press 3=1", 1),
+    "table": _Noun(_TABLE, "--press, --long-press or --up", "Left --press 7=1 --up 8=1", "Pad", "--long-press 3=1", 1),
 }
 _JSON = "a record as JSON, which begins with {, or @FILE or - (standard input) with it"
 
@@ -127,7 +127,7 @@ def _source(what: str) -> Option:
     return option("--from", "FILE", f"take {what}, of this project file", file_path, dest="source")
 
 
-def _commands(noun: str, about: _About) -> Iterator[Command]:
+def _commands(noun: str, about: _Noun) -> Iterator[Command]:
     """Yield the commands that change records of a type."""
     defaults = {"yes": True, "needed": about.needed}
     yield Command(

@@ -5,17 +5,18 @@ from __future__ import annotations
 import argparse
 import asyncio
 from contextlib import AsyncExitStack
-from functools import partial
 from time import strftime
 
 from servolink.cli.arguments import SPEED, file_path, whole_number
 from servolink.cli.command import TOGETHER, Command, flag, group, option
-from servolink.cli.command_session import Interruption, run_interruptible
-from servolink.cli.screen.output import print_error, print_result, print_text
+from servolink.cli.command_session import Interruption, connection_options, interruptible
+from servolink.cli.screen.output import print_error
+from servolink.cli.screen.result import show_served
 from servolink.cli.screen.terminal import can_ask
-from servolink.cli.usage import needing_extra, usage_error
-from servolink.project.project_file import read_project_file
-from servolink.script import OK
+from servolink.cli.usage import usage_error
+from servolink.hub import hub_of_board
+from servolink.project import ProjectFile
+from servolink.support import ExitCode
 
 SPEED_CAP = 60.0
 """Default of `--speed-cap`, in degrees per second."""
@@ -53,40 +54,25 @@ def log_line(text: str) -> None:
         MOTIONS,
     ),
 )
-def run(args: argparse.Namespace) -> int:
+@interruptible("nothing was sent to the board", in_usage=True)
+async def run(args: argparse.Namespace, interruption: Interruption) -> int:
     """Serve until the client ends the connection, or until Ctrl-C or SIGTERM."""
     refuse_no_ask(args)
-    return run_interruptible(partial(_serve, args), "nothing was sent to the board", usage=args)
+    from servolink.gateways import supervised
+    from servolink.gateways.models import ModelTools, serve_on_http, serve_on_stdio
 
-
-async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
-    """Serve until the client has left, or until the task is cancelled."""
-    with needing_extra("mcp"):
-        from servolink.gateways.model_serving import serve_on_http, serve_on_stdio
-        from servolink.gateways.model_tools import ModelTools
-    from servolink.gateways.supervisor import supervised
-    from servolink.hub import hub_of_board
-
-    project = None if args.project is None else await asyncio.to_thread(read_project_file, args.project)
-    options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
+    project = None if args.project is None else await asyncio.to_thread(ProjectFile.read, args.project)
     async with AsyncExitStack() as stack:
-        hub = await stack.enter_async_context(hub_of_board(args.url, **options))
+        hub = await stack.enter_async_context(hub_of_board(args.url, **connection_options(args)))
         supervisor = await stack.enter_async_context(
             supervised(hub, may_move=args.allow_motion, speed_cap=args.speed_cap, log=log_line)
         )
-        interruption.state, interruption.code = "the content of the board was left unchanged", OK
+        interruption.state, interruption.code = "the content of the board was left unchanged", ExitCode.OK
         server = ModelTools(supervisor, project, asks=not args.no_ask).server()
         if args.http is None:
             if can_ask():
                 print_error("servolink: a client speaks here on standard input; Ctrl-C ends it")
             await serve_on_stdio(server)
         else:
-            await serve_on_http(server, args.http, partial(_announce, args))
-    return OK
-
-
-def _announce(args: argparse.Namespace, url: str, token: str) -> None:
-    """Print the address for clients, and the token that requests must have."""
-    print_result(args, {"mcp": url, "token": token}, f"mcp {url}")
-    if not args.json:
-        print_text(f"token {token}")
+            await serve_on_http(server, args.http, lambda url, token: show_served(mcp=url, token=token))
+    return ExitCode.OK

@@ -11,22 +11,26 @@ from typing import Any
 
 import msgspec
 
+from servolink.boards import hub_of, resolve_url, running_hubs
 from servolink.cli.arguments import board_name, listening, number
 from servolink.cli.command import TOGETHER, Command, flag, group, one_of, option
-from servolink.cli.command_session import Interruption, choose_board, interruptible, run_interruptible
-from servolink.cli.screen.output import counted, print_error, print_json, print_result, print_table, print_text
+from servolink.cli.command_session import (
+    Interruption,
+    choose_board,
+    connection_options,
+    interruptible,
+    run_interruptible,
+)
+from servolink.cli.screen.live import can_draw
+from servolink.cli.screen.output import counted, print_error
+from servolink.cli.screen.result import CommandResult, Ending, Part, Returned, show_served
 from servolink.cli.together.share_view import facts, in_the_log, on_terminal, programs
 from servolink.cli.usage import usage_error
-from servolink.control.channel import RpcChannel, open_channel
-from servolink.control.greeting import Greeting
-from servolink.control.messages import LeaseNow
-from servolink.control.roles import RoleName
-from servolink.control.share_address import this_program
-from servolink.control.status import HubStatus
-from servolink.discovery.hubs import candidates, hub_of
-from servolink.discovery.resolving import resolve_url
+from servolink.control import Greeting, HubStatus, LeaseNow, RoleName, RpcChannel, decode, open_channel, this_program
 from servolink.errors import OpenError
-from servolink.script import OK
+from servolink.hub import serve_board
+from servolink.support import ExitCode
+from servolink.transports import NetworkPlace
 
 _MOST_SECONDS = 3600.0
 
@@ -64,7 +68,7 @@ _MOST_SECONDS = 3600.0
         ),
     ),
 )
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Ending:
     """Share the board until Ctrl-C or SIGTERM, or talk to a hub that runs."""
     if args.status or args.take or args.give:
         return talk_to_hub(args)
@@ -75,9 +79,6 @@ def run(args: argparse.Namespace) -> int:
 
 async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
     """Serve until the task is cancelled."""
-    from servolink.cli.screen.live import can_draw
-    from servolink.hub import serve_board
-
     served = serve_board(
         args.url,
         name=args.name,
@@ -87,16 +88,14 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
         unit=args.unit,
         door_byte_order=args.door_byte_order,
         lease_seconds=args.lease_seconds,
-        byte_order=args.byte_order,
-        caption_encoding=args.caption_encoding,
-        patience=args.timeout,
+        **connection_options(args),
     )
     async with AsyncExitStack() as stack:
         hub, urls = await stack.enter_async_context(served)
-        interruption.state, interruption.code = "the board was left unchanged", OK
+        interruption.state, interruption.code = "the board was left unchanged", ExitCode.OK
         watch_url = urls[1 + (args.tcp is not None)] if args.watch_tcp is not None else ""
-        _print_doors(args, urls, watch_url)
-        if not args.json and can_draw():
+        _print_doors(urls, watch_url)
+        if can_draw():
             show = await stack.enter_async_context(on_terminal(hub.status))
         else:
             show = stack.enter_context(in_the_log())
@@ -107,19 +106,18 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
         finally:
             if there := len(hub.programs):
                 interruption.state = f"the board was left unchanged, and {counted(there, 'program')} disconnected"
-    return OK
+    return ExitCode.OK
 
 
-def _print_doors(args: argparse.Namespace, urls: list[str], watch_url: str) -> None:
+def _print_doors(urls: list[str], watch_url: str) -> None:
     """Print the addresses, and the machines that can reach TCP addresses; programs at `watch_url` may only read."""
-    from servolink.listeners.tcp import reached_by
-
     for url in urls:
-        print_result(args, {"listening": url}, f"listening {url}")
+        show_served(listening=url)
     for url in urls:
         if url.startswith("tcp://"):
+            place = NetworkPlace.parse(url.removeprefix("tcp://"))
             what = ", but only for reading" if url == watch_url else ""
-            print_error(f"servolink: {url} is open to {reached_by(url)}{what}")
+            print_error(f"servolink: {url} is open to {place.reached_by}{what}")
 
 
 # --- to a hub that runs -----------------------------------------------------------------------------------------------
@@ -129,21 +127,19 @@ _SCHEME = "share://"
 
 
 @interruptible("nothing was changed")
-async def talk_to_hub(args: argparse.Namespace, interruption: Interruption) -> int:
+async def talk_to_hub(args: argparse.Namespace, interruption: Interruption) -> Returned:
     """Carry out the options on a running hub."""
     name = args.take or args.give or await _chosen(args)
     role: RoleName = "run" if args.take else "watch"
     channel, welcome = await open_channel(name, Greeting(wants="rpc", who=this_program(), role=role))
     try:
         if args.take:
-            await _take(args, channel, name)
-        elif args.give:
-            await _give(args, channel, name)
-        else:
-            await _show(args, channel, welcome.session)
+            return await _take(channel, name)
+        if args.give:
+            return await _give(channel, name)
+        return await _status(channel, welcome.session)
     finally:
         await channel.close()
-    return OK
 
 
 async def _chosen(args: argparse.Namespace) -> str:
@@ -158,7 +154,7 @@ async def _chosen(args: argparse.Namespace) -> str:
                 raise OpenError(f"{url} is not shared; `servolink share --board {args.url}` shares it")
             url = hub.url
         return url.removeprefix(_SCHEME).partition("?")[0]
-    names = [hub.url.removeprefix(_SCHEME) for hub in await asyncio.to_thread(candidates)]
+    names = [hub.url.removeprefix(_SCHEME) for hub in await asyncio.to_thread(running_hubs)]
     if not names:
         raise OpenError("no board is shared here; `servolink share` shares one")
     if len(names) > 1:
@@ -167,25 +163,30 @@ async def _chosen(args: argparse.Namespace) -> str:
 
 
 async def _call(channel: RpcChannel, method: str, kind: type[Any], **params: Any) -> Any:
-    return msgspec.json.decode(await channel.call(method, timeout=_LIMIT, **params), type=kind)
+    return decode(await channel.call(method, timeout=_LIMIT, **params), kind)
 
 
-async def _show(args: argparse.Namespace, channel: RpcChannel, session: str) -> None:
+async def _status(channel: RpcChannel, session: str) -> Returned:
     status: HubStatus = await _call(channel, "status", HubStatus)
     others = tuple(program for program in status.programs if program.session != session)
     status = msgspec.structs.replace(status, programs=others)
-    if args.json:
-        print_json(msgspec.to_builtins(status))
-        return
-    print_table(facts(status))
-    if others:
-        print_text("")
-        print_table(programs(status))
-    else:
-        print_text("no program is connected")
+    connected: list[Part] = ["", programs(status)] if others else ["no program is connected"]
+    return Returned(msgspec.to_builtins(status), [facts(status), *connected])
 
 
-async def _take(args: argparse.Namespace, channel: RpcChannel, name: str) -> None:
+class LeaseTaken(CommandResult, frozen=True):
+    """JSON of `share` with --take: the program that had the lease."""
+
+    taken_from: str | None
+
+
+class LeaseGiven(CommandResult, frozen=True):
+    """JSON of `share` with --give: the program that moves the servos now."""
+
+    moved_by: str | None
+
+
+async def _take(channel: RpcChannel, name: str) -> Returned:
     """Take the lease over and end the lease at once, so that the next command can have the lease."""
     before = (await _call(channel, "status", HubStatus)).lease
     if before is not None:
@@ -196,13 +197,13 @@ async def _take(args: argparse.Namespace, channel: RpcChannel, name: str) -> Non
             f"{before.who} may not move the servos any more; what moves now moves on. "
             f"To let it move again: servolink share --give {name}"
         )
-    print_result(args, {"taken_from": before and before.who}, text)
+    return Returned(LeaseTaken(before and before.who), text)
 
 
-async def _give(args: argparse.Namespace, channel: RpcChannel, name: str) -> None:
+async def _give(channel: RpcChannel, name: str) -> Returned:
     """Allow programs whose lease was taken to move the servos again."""
     lease = (await _call(channel, "lease.give", LeaseNow)).lease
     text = f"any program may move the servos of {name}"
     if lease is not None:
         text = f"{lease.who} moves the servos of {name}; the others may when it is done"
-    print_result(args, {"moved_by": lease and lease.who}, text)
+    return Returned(LeaseGiven(lease and lease.who), text)

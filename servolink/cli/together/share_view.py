@@ -10,16 +10,17 @@ from msgspec import Struct
 
 from servolink.cli.screen.live import staying_line
 from servolink.cli.screen.output import Table, counted, cut, print_error, table_of
-from servolink.control.notifications import (
+from servolink.control import (
     ConnectionNow,
     HoldNotice,
+    HubStatus,
     LeaseNotice,
+    LeaseStatus,
     ProblemNotice,
     ProgramNotice,
     RefusedNotice,
 )
-from servolink.control.status import HubStatus, LeaseStatus
-from servolink.escaping import escape
+from servolink.errors import escape
 
 _STATES = {
     "connected": "the board is back",

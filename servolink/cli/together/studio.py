@@ -6,16 +6,16 @@ import argparse
 import asyncio
 import re
 from contextlib import AsyncExitStack
-from functools import partial
 from ipaddress import ip_address
 
 from servolink.cli.command import FIRST_STEPS, Command, flag, group, option
-from servolink.cli.command_session import Interruption, run_interruptible
+from servolink.cli.command_session import Interruption, connection_options, interruptible
 from servolink.cli.fleet.broker_options import ACCESS, BROKER_VARIABLE, GROUPS_FILE, fleet_of
-from servolink.cli.screen.output import print_error, print_result
-from servolink.cli.usage import needing_extra, refuse_board, usage_error
-from servolink.escaping import quote
-from servolink.script import OK
+from servolink.cli.screen.output import print_error
+from servolink.cli.screen.result import show_served
+from servolink.cli.usage import refuse_board, usage_error
+from servolink.errors import quote
+from servolink.support import ExitCode
 
 _MOST_PORT = 65535
 _NAME = r"(?:[\w.-]+|\[[0-9A-Fa-f:.]+\])"
@@ -94,7 +94,8 @@ def _host(text: str) -> str:
         *ACCESS,
     ),
 )
-def run(args: argparse.Namespace) -> int:
+@interruptible("nothing was sent to the board", in_usage=True)
+async def run(args: argparse.Namespace, interruption: Interruption) -> int:
     """Serve the studio until Ctrl-C or SIGTERM."""
     if args.demo:
         refuse_board(args, "--demo uses a board of its own; leave out --board")
@@ -104,35 +105,25 @@ def run(args: argparse.Namespace) -> int:
             f"--host {args.host} opens the studio to the network: say under which names it is reached, as in "
             "--allow-host robot.local, or leave --host out",
         )
-    return run_interruptible(partial(_serve, args), "nothing was sent to the board", usage=args)
+    from servolink.studio import Links, opened_in_browser, serve_studio, studio_for
 
-
-async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
-    """Serve until the task is cancelled."""
-    with needing_extra("studio"):
-        from servolink.studio.links import Links
-        from servolink.studio.server import serve_studio
-    from servolink.studio.start import opened_in_browser, studio_for
-
-    options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
     async with AsyncExitStack() as stack:
-        studio = await stack.enter_async_context(studio_for(args.url, demo=args.demo, **options))
+        studio = await stack.enter_async_context(studio_for(args.url, demo=args.demo, **connection_options(args)))
         if args.broker is not None:
-            from servolink.studio.fleet_view import FleetView
+            from servolink.studio import FleetView
 
             studio.fleet = FleetView(await stack.enter_async_context(fleet_of(args)))
         gate, port = await stack.enter_async_context(serve_studio(studio, args.host, args.port, args.allow_host))
-        interruption.state, interruption.code = "the board was left unchanged", OK
+        interruption.state, interruption.code = "the board was left unchanged", ExitCode.OK
         address = f"{gate.address}/#token={gate.new_token('edit')}"
-        print_result(args, {"studio": address}, f"studio {address}")
+        show_served(studio=address)
         if args.allow_host:
             if not all(host.startswith("https://") for host in args.allow_host):
                 print_error(f"servolink: {_NOT_ENCRYPTED}")
             studio.links = Links(gate, port, tuple(args.allow_host))
             for link in studio.links.addresses():
-                what = "drive" if link.role == "edit" else "watch"
-                print_result(args, {what: link.address}, f"{what} {link.address}")
+                show_served(**{"drive" if link.role == "edit" else "watch": link.address})
         if not args.no_browser:
             stack.enter_context(opened_in_browser(address))
         await asyncio.Event().wait()
-    return OK
+    return ExitCode.OK

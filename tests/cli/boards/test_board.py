@@ -10,11 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, BoardSettings, Evidence, SafetyLimits
-from servolink.profiles.store import load_profile, profile_path, save_profile
-from servolink.protocol.records import ServoParameter
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
+from servolink.boards import BoardIdentityRecord, BoardProfile, BoardSettings, Evidence, ProfileFile, SafetyLimits
+from servolink.protocol import ServoParameter
+from servolink.virtual import BoardKind, VirtualBoard
 from tests.cli.programs import Said, call, in_terminal
 from tests.cli.robot import Robot
 
@@ -37,7 +35,7 @@ def _say(capsys: pytest.CaptureFixture[str]) -> type:
 
 
 def profile() -> BoardProfile:
-    found = load_profile("rex")
+    found = ProfileFile("rex").load()
     assert found is not None
     return found
 
@@ -118,7 +116,7 @@ def test_what_cannot_be_is_wrong_usage_and_changes_nothing(options: str, why: st
     said = say(f"board set rex {options}")
     assert (said.code, said.out) == (2, "")
     assert f"servolink board set: error: {why}" in said.err
-    assert load_profile("rex") is None
+    assert ProfileFile("rex").load() is None
 
 
 def test_a_caption_is_looked_up_on_the_board_and_its_id_kept(robot: Robot, say: type) -> None:
@@ -132,12 +130,12 @@ def test_a_caption_is_looked_up_on_the_board_and_its_id_kept(robot: Robot, say: 
     unknown = say("board set rex --angle hop=20..160 --speed 1=5")
     assert (unknown.code, unknown.out) == (1, "")
     assert unknown.err == "servolink: the board has no servo 'hop'; did you mean servo 2 'hip'?\n"
-    save_profile("rex", BoardProfile(identity=BoardIdentityRecord(servo_ids=(2, 5)), limits=limits))
+    ProfileFile("rex").save(BoardProfile(identity=BoardIdentityRecord(servo_ids=(2, 5)), limits=limits))
     other = say("board set rex --angle hip=unset")
     assert (other.code, other.out) == (1, "")
     assert "rex was learnt with servos 2, 5; the board at virtual:// has servos 1..3. If it is the same" in other.err
     assert say("board set rex --angle 2=20..160").code == 0
-    save_profile("rex", BoardProfile(limits=limits))
+    ProfileFile("rex").save(BoardProfile(limits=limits))
     robot.unplug()
     without = say("board set rex --angle hip=unset")
     assert (without.code, without.out) == (3, "")
@@ -162,11 +160,11 @@ LEARNT = BoardProfile(
 
 
 def test_everything_known_is_shown_with_its_reason(say: type) -> None:
-    save_profile("rex", LEARNT)
+    ProfileFile("rex").save(LEARNT)
     lines = say("board show rex").out.splitlines()
     assert lines[0] == "rex"
     assert "address        virtual://?servos=3" in lines
-    assert f"file           {profile_path('rex')}" in lines
+    assert f"file           {ProfileFile('rex').path}" in lines
     assert "servos         1..3, 9" in lines
     assert "USB            1a86:0000" in lines
     assert "serial number  '\\x1b]0;x\\x07\\u202e'" in lines
@@ -189,10 +187,10 @@ def test_a_board_of_which_nothing_is_known_is_shown_too(say: type) -> None:
 
 
 def test_json_has_the_names_of_the_file(say: type) -> None:
-    save_profile("rex", LEARNT)
+    ProfileFile("rex").save(LEARNT)
     described = say("board show rex --json").json
     assert described["name"] == "rex"
-    assert described["path"] == str(profile_path("rex"))
+    assert described["path"] == str(ProfileFile("rex").path)
     assert described["identity"]["servo_ids"] == [1, 2, 3, 9]
     assert described["settings"]["depth"] == {
         "value": 4,
@@ -212,9 +210,9 @@ def test_json_has_the_names_of_the_file(say: type) -> None:
 @pytest.mark.parametrize("command", ["board", "board list"])
 def test_all_boards_are_listed_also_damaged_and_nameless_ones(command: str, say: type) -> None:
     say("use max tcp://pi:9000")
-    save_profile("rex", LEARNT)
-    save_profile("lost", BoardProfile(limits=SafetyLimits(speed_cap=3)))
-    profile_path("max").write_text("x")
+    ProfileFile("rex").save(LEARNT)
+    ProfileFile("lost").save(BoardProfile(limits=SafetyLimits(speed_cap=3)))
+    ProfileFile("max").path.write_text("x")
     said = say(command)
     assert said.code == 0
     assert said.out.splitlines() == [
@@ -223,7 +221,7 @@ def test_all_boards_are_listed_also_damaged_and_nameless_ones(command: str, say:
         "max   tcp://pi:9000        damaged",
         "rex   virtual://?servos=3  3                    0",
     ]
-    assert f"servolink: {profile_path('max')}, line 1: is not TOML" in said.err
+    assert f"servolink: {ProfileFile('max').path}, line 1: is not TOML" in said.err
 
 
 def test_no_board_has_a_name(say: type) -> None:
@@ -232,7 +230,7 @@ def test_no_board_has_a_name(say: type) -> None:
 
 
 def test_limits_of_a_servo_that_is_not_there_are_kept_with_a_warning(say: type) -> None:
-    save_profile("rex", LEARNT)
+    ProfileFile("rex").save(LEARNT)
     assert say("board set rex --angle 9=0..5").err == ""
     said = say("board set rex --angle 30=0..5 --speed 31=5")
     assert (said.code, said.err) == (0, "servolink: rex was learnt to have no servo 30, 31\n")
@@ -247,11 +245,11 @@ def test_an_unknown_name_is_wrong_usage(command: str, say: type) -> None:
 
 
 def test_a_profile_is_forgotten_damaged_or_not_and_the_name_stays(say: type) -> None:
-    save_profile("rex", LEARNT)
+    ProfileFile("rex").save(LEARNT)
     said = say("board forget rex")
     assert said.code == 2
     assert "with all limits of rex; --yes does so without asking" in said.err
-    profile_path("rex").write_text("damaged")
+    ProfileFile("rex").path.write_text("damaged")
     assert say("board show rex").code == 1
     assert say("board forget rex --yes").out == "what was known of rex is forgotten; it keeps its name\n"
     assert say("board show rex").code == 0
@@ -263,7 +261,7 @@ def test_a_profile_is_forgotten_damaged_or_not_and_the_name_stays(say: type) -> 
 
 
 def test_a_name_that_is_removed_leaves_its_profile(say: type) -> None:
-    save_profile("rex", LEARNT)
+    ProfileFile("rex").save(LEARNT)
     assert (
         "what was learnt of it is kept; to forget that too: servolink board forget rex" in say("use --remove rex").out
     )
@@ -273,9 +271,9 @@ def test_a_name_that_is_removed_leaves_its_profile(say: type) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
 @pytest.mark.parametrize(("typed", "code"), [("y\n", 0), ("n\n", 1)])
 def test_a_terminal_is_asked(typed: str, code: int, say: type) -> None:
-    save_profile("rex", LEARNT)
+    ProfileFile("rex").save(LEARNT)
     said = in_terminal("board", "forget", "rex", typed=typed)
-    assert (said.code, load_profile("rex") is None) == (code, code == 0)
+    assert (said.code, ProfileFile("rex").load() is None) == (code, code == 0)
 
 
 # --- every command uses it --------------------------------------------------------------------------------------------
@@ -295,7 +293,7 @@ def test_another_board_is_stopped_and_read_with_a_warning_and_not_moved(
     robot: Robot, say: type, caplog: pytest.LogCaptureFixture
 ) -> None:
     say("use rex virtual:// --yes")
-    save_profile("rex", BoardProfile(identity=BoardIdentityRecord(servo_ids=(1, 2, 3, 4))))
+    ProfileFile("rex").save(BoardProfile(identity=BoardIdentityRecord(servo_ids=(1, 2, 3, 4))))
     assert say("-b rex servos").code == 0
     difference = "rex was learnt with servos 1..4; the board at virtual:// has servos 1..3"
     assert f"{difference}; it can be read, but neither moved nor changed" in caplog.text
@@ -332,11 +330,11 @@ def test_queries_that_a_board_does_not_answer_delay_nothing(robot: Robot, say: t
 
 def test_a_damaged_profile_keeps_nobody_from_stopping(robot: Robot, say: type) -> None:
     say("use rex virtual:// --yes")
-    save_profile("rex", LEARNT)
-    profile_path("rex").write_text("[settings]\ndepth = 900\n")
+    ProfileFile("rex").save(LEARNT)
+    ProfileFile("rex").path.write_text("[settings]\ndepth = 900\n")
     said = say("-b rex servos")
     assert said.code == 1
-    assert said.err == f"servolink: {profile_path('rex')}, line 2: depth must be 1..64, not 900\n"
+    assert said.err == f"servolink: {ProfileFile('rex').path}, line 2: depth must be 1..64, not 900\n"
     said = say("-b rex stop")
     assert said.code == 0
     assert said.err.endswith("line 2: depth must be 1..64, not 900; stopping without it\n")

@@ -6,11 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from servolink.project.model import UNFINISHED, Project
-from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.records import Action, ServoParameter, Step
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
+from servolink.project import UNFINISHED, BackupStore, Project
+from servolink.protocol import Action, ServoParameter, Step
+from servolink.virtual import BoardKind, VirtualBoard
 from tests.cli.robot import Robot
 
 STORED = Project(77, (ServoParameter(2, 7, "knee"),), (Action(1, "Bow", (Step(1, 30, 50),)),))

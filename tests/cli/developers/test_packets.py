@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from servolink.__main__ import main
-from servolink.protocol.frame import HEADER, MAGIC, encode_frame
+from servolink.protocol import HEADER, MAGIC, encode_frame
 from tests import processes
 
 DATA = Path(__file__).parents[2] / "data"

@@ -7,11 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from servolink.project.model import UNFINISHED, Project
-from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.codec import PACKETS
-from servolink.protocol.packet import Command, Packet, Request
-from servolink.protocol.records import Action, JoystickTable, Macro, Step
+from servolink.project import UNFINISHED, BackupStore, Project
+from servolink.protocol import PACKETS, Action, Command, JoystickTable, Macro, Packet, Request, Step
 from tests.cli.robot import Robot
 
 STORED = Project(77, (), (Action(1, "Bow", (Step(1, 80, 50),)),), (Macro(1, "Rest"),), (JoystickTable(1, "Pad"),), 1)

@@ -11,14 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from servolink import boards, transports
+from servolink.boards import Alias, Aliases
 from servolink.cli.index import below, index
-from servolink.discovery import announcements
-from servolink.discovery.names import Alias, aliases_path, save_alias
-from servolink.project.model import Project
-from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
-from servolink.transports import serial_ports
-from servolink.transports.device_info import DeviceInfo
+from servolink.project import BackupStore, Project
+from servolink.protocol import Action, Macro, MacroCommand, ServoParameter, Step
+from servolink.transports import DeviceInfo
 from tests import processes
 from tests.cli.programs import COMMAND, call
 
@@ -33,9 +31,9 @@ def _boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A board with a name, saved before an import, and a port."""
     for name in ("XDG_RUNTIME_DIR", "XDG_CONFIG_HOME", "XDG_DATA_HOME"):
         monkeypatch.setenv(name, str(tmp_path / name))
-    monkeypatch.setattr(serial_ports, "candidates", lambda: [DeviceInfo("serial:///dev/ttyACM7", "port")])
-    monkeypatch.setattr(announcements, "candidates", list)
-    save_alias("rex", Alias("tcp://127.0.0.1:7878"))
+    monkeypatch.setattr(transports, "serial_devices", lambda: [DeviceInfo("serial:///dev/ttyACM7", "port")])
+    monkeypatch.setattr(boards, "announced_boards", list)
+    Aliases.save("rex", Alias("tcp://127.0.0.1:7878"))
     BackupStore().keep(STORED, "tcp://127.0.0.1:7878?byte_order=big", "utf-8")
 
 
@@ -106,12 +104,12 @@ def test_damaged_files_and_broken_libraries_complete_nothing(
     def broken() -> list[DeviceInfo]:
         raise RuntimeError("no library")
 
-    monkeypatch.setattr(serial_ports, "candidates", broken)
+    monkeypatch.setattr(transports, "serial_devices", broken)
     assert possible(capsys, "-b", "") == ["rex"]
     for backup in BackupStore().backups():
         backup.path.chmod(0o600)
         backup.path.write_bytes(b"{")
-    aliases_path().write_bytes(b"\xff")
+    Aliases.path().write_bytes(b"\xff")
     assert possible(capsys, "-b", "") == []
     assert possible(capsys, "-b", "rex", "move", "") == []
 
@@ -175,10 +173,10 @@ def in_shell(folder: Path, capsys: pytest.CaptureFixture[str], shell: str, *argu
         pytest.param("servolink project sch", ["schema"], marks=pytest.mark.slow),
         ("FOO=1 servolink plan rob", ["compopt -o default"]),
         ("servolink -b rex move lef", ["compopt -o nospace", r"left\ hip="]),
-        (r"servolink -b rex move left\ h", ["compopt -o nospace", r"left\ hip="]),
-        ("servolink -b rex run action Deep", [r"Deep\ bow"]),
+        pytest.param(r"servolink -b rex move left\ h", ["compopt -o nospace", r"left\ hip="], marks=pytest.mark.slow),
+        pytest.param("servolink -b rex run action Deep", [r"Deep\ bow"], marks=pytest.mark.slow),
         ("servolink -b rex run action 'Deep", []),
-        ("servolink --byte-order=l", ["little"]),
+        pytest.param("servolink --byte-order=l", ["little"], marks=pytest.mark.slow),
         ("servolink -b tcp://127.0.0.1:7878 run macro ", ["Nod"]),
         ("servolink -b rex run action ';", []),
     ],

@@ -19,11 +19,12 @@ from servolink.cli.first_steps import demo
 from servolink.cli.first_steps import demo_stage as stage
 from servolink.cli.first_steps.demo import STEPS
 from servolink.cli.first_steps.demo_stage import FaultyLine
-from servolink.transports.memory import MemoryTransport
+from servolink.cli.screen.result import print_for_people
+from servolink.transports import MemoryTransport
 from tests import processes
 from tests.cli.programs import Said, call, environment, in_terminal, program
 
-NAMES = [name for name, _, _ in STEPS]
+NAMES = list(STEPS)
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +107,7 @@ def test_plain_text_has_no_escapes() -> None:
     assert (said.code, said.err) == (0, "")
     assert all(character == "\n" or character.isprintable() for character in said.out)
     titles = re.findall(r"^\d+\. (.*)$", said.out, re.MULTILINE)
-    assert titles == [title for _, title, _ in STEPS]
+    assert titles == [(step.__doc__ or "").rstrip(".") for step in STEPS.values()]
     assert "FAILED" not in said.out
 
 
@@ -122,9 +123,9 @@ def test_a_terminal_sees_the_servos_move(arguments: tuple[str, ...], angles: int
     assert "All of it worked" in said.out
 
 
-@pytest.mark.parametrize(("owner", "name"), [(stage.Stage, "say"), (FaultyLine, "release")])
+@pytest.mark.parametrize(("owner", "name"), [(demo, "say"), (FaultyLine, "release")])
 def test_no_stall_of_the_machine_fails_the_late_response(
-    owner: type, name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    owner: object, name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stalling(function: Callable[..., None]) -> Callable[..., None]:
         def stall_first(*arguments: object) -> None:
@@ -134,7 +135,7 @@ def test_no_stall_of_the_machine_fails_the_late_response(
         return stall_first
 
     monkeypatch.setattr(owner, name, stalling(getattr(owner, name)))
-    monkeypatch.setattr(demo, "STEPS", tuple(step for step in STEPS if step[0] in {"pose", "late"}))
+    monkeypatch.setattr(demo, "STEPS", {name: STEPS[name] for name in ("pose", "late")})
     assert call(capsys, "demo", "--fast", "--json").code == 0
 
 
@@ -154,10 +155,10 @@ def test_a_check_that_fails_is_named(
 
 
 def test_an_error_ends_the_play(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    async def broken(scene: object) -> stage.StageResult:
+    async def broken(scene: object) -> dict[str, Any]:
         raise TimeoutError
 
-    monkeypatch.setattr(demo, "STEPS", (("first", "First", broken), ("second", "Second", broken)))
+    monkeypatch.setattr(demo, "STEPS", {"first": broken, "second": broken})
     said = call(capsys, "demo", "--fast", "--json")
     assert said.code == 1
     assert [described["step"] for described in said.objects] == ["first", "end"]
@@ -168,13 +169,12 @@ def test_an_error_ends_the_play(capsys: pytest.CaptureFixture[str], monkeypatch:
 def test_long_lines_are_broken_between_words(width: int, capsys: pytest.CaptureFixture[str]) -> None:
     text = "pulled while writing, at macro 1: the connection to /dev/pts/1 is gone: the cable was pulled out of it"
     command = "servolink --board tcp://127.0.0.1:40000 move 1=60 2=-30 --speed 45 --with-many-more-options"
-    result = {"ok": True, "seconds": 9.5, "next": [command]}
+    end = demo.DemoEnd(ok=True, failed=[], seconds=9.5, next=[command], stats={})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stage, "is_terminal", lambda: True)
         patch.setenv("COLUMNS", str(width))
-        shown = stage.Stage(as_json=False, fast=True)
-        shown.say(text)
-        shown.end(result)
+        stage.say(text)
+        print_for_people(demo.end_text(end))
     out = capsys.readouterr().out
     assert max(map(len, out.splitlines())) <= width
     assert text in " ".join(out.split())
@@ -192,10 +192,10 @@ def test_an_address_is_wrong_usage(url: str, capsys: pytest.CaptureFixture[str])
 def test_the_board_of_other_commands_is_left_alone(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def good(scene: object) -> stage.StageResult:
-        return stage.StageResult()
+    async def good(scene: object) -> dict[str, Any]:
+        return {}
 
-    monkeypatch.setattr(demo, "STEPS", (("first", "First", good),))
+    monkeypatch.setattr(demo, "STEPS", {"first": good})
     monkeypatch.setenv("SERVOLINK_BOARD", "nonsense://x")
     assert call(capsys, "demo", "--fast").code == 0
 

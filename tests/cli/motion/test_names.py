@@ -12,12 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from servolink.client.board import Board
-from servolink.project.build import build_project
-from servolink.project.model import Project
-from servolink.project.project_file import load_project, save_project
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
-from servolink.virtual.kind import BoardKind
+from servolink.client import Board
+from servolink.project import Project, build_project, load_project, save_project
+from servolink.protocol import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.virtual import BoardKind
 from tests.cli.programs import call
 from tests.cli.robot import Robot
 from tests.cli.terminals import in_terminal

@@ -13,8 +13,8 @@ import pytest
 from servolink.cli.motion import remote
 from servolink.cli.motion.remote import RemoteControl
 from servolink.cli.screen import terminal
-from servolink.client.board import Board
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, MacroCommandType, Step
+from servolink.client import Board
+from servolink.protocol import Action, Button, JoystickTable, Macro, MacroCommand, MacroCommandType, Step
 from tests.cli.programs import Said, in_terminal
 from tests.cli.robot import Robot, typing
 

@@ -13,17 +13,12 @@ from pathlib import Path
 
 import pytest
 
+from servolink.boards import Alias, Aliases, BoardProfile, BoardSettings, ProfileFile, SafetyLimits
 from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.motion.teach import _stop_on_signal
-from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.client.servo_state import Servo
-from servolink.discovery.names import Alias, save_alias
-from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
-from servolink.profiles.store import load_profile, save_profile
-from servolink.project.model import Project
-from servolink.project.project_file import load_project, save_project
-from servolink.protocol.records import Action
+from servolink.client import Board, Servo, connect
+from servolink.project import Project, load_project, save_project
+from servolink.protocol import Action
 from tests.cli.programs import in_terminal, started
 from tests.cli.robot import Robot
 
@@ -111,11 +106,11 @@ def test_what_was_taught_to_limp_servos_plays(limp: Robot) -> None:
 def rex(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], BoardProfile]:
     """Give the robot a name and a profile; return what reads the profile."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    save_alias("rex", Alias("virtual://"))
-    save_profile("rex", BoardProfile(limits=SafetyLimits(speed_cap=200)))
+    Aliases.save("rex", Alias("virtual://"))
+    ProfileFile("rex").save(BoardProfile(limits=SafetyLimits(speed_cap=200)))
 
     def read() -> BoardProfile:
-        profile = load_profile("rex")
+        profile = ProfileFile("rex").load()
         assert profile is not None
         return profile
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,8 @@ import pytest
 from servolink.cli.motion import trim
 from servolink.cli.motion.trim import TrimSession
 from servolink.cli.screen import terminal
-from servolink.client.board import Board
-from servolink.protocol.records import ServoParameter
+from servolink.client import Board, connect
+from servolink.protocol import ServoParameter
 from tests.cli.programs import Said, in_terminal
 from tests.cli.robot import Robot, typing
 
@@ -152,11 +153,9 @@ def test_leaving_stores_nothing_and_says_where_the_servo_is(types: Callable[...,
 def test_a_limit_refuses_a_nudge_and_it_is_not_counted(
     types: Callable[..., Said], robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from servolink.client import connect
-
     here = angles(robot)[0]
-    make = connect.connect
-    monkeypatch.setattr(connect, "connect", lambda *a, **o: make(*a, **o, angle_limits=(here - 1, here + 1)))
+    make = partial(connect, angle_limits=(here - 1, here + 1))
+    monkeypatch.setattr("servolink.cli.command_session.connect", make)
     said = types(["+", "+", "\n"], "1")
     assert f"{here + 2} degrees is outside its limits" in said.out
     assert corrections(robot) == {1: 1}

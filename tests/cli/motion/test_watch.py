@@ -17,18 +17,14 @@ from pathlib import Path
 import pytest
 
 from servolink.cli.command_session import Interruption
-from servolink.cli.motion.watch import ReadingPrinter, Screen, _Watch
+from servolink.cli.motion.watch import ReadingPrinter, Screen, _ReadingLoop
 from servolink.cli.screen.servo_picture import Watched, picture
-from servolink.client.alarms import Alarm, RaisedAlarm
-from servolink.client.servo_readings import ServoReading
-from servolink.client.servo_state import Servo
-from servolink.connection.stats import Stats
+from servolink.client import Alarm, RaisedAlarm, Servo, ServoReading
+from servolink.connection import Stats
 from servolink.errors import RequestTimeout
-from servolink.motion.angles import Adc, Degrees
-from servolink.motion.limits import MotionLimits
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.records import ServoParameter
-from servolink.transports.line_faults import Faults
+from servolink.motion import Adc, Degrees, MotionLimits
+from servolink.protocol import ButtonEventResponse, ServoParameter
+from servolink.transports import Faults
 from tests.cli.programs import in_terminal
 from tests.cli.robot import Robot
 from tests.virtual_time import run
@@ -72,7 +68,7 @@ def test_the_picture_of_a_board() -> None:
     [
         (0, None, "......|......"),
         (181, None, "......|#####>"),
-        (-999, None, "<#####|......"),
+        (-359, None, "<#####|......"),
         (0, (0, 120), "|............"),
         (60, (0, 120), "|######......"),
         (60, (30, 120), "|####........"),
@@ -328,7 +324,7 @@ async def test_the_battery_is_asked_for_again_when_a_hub_has_its_board_back() ->
             return 80.0
 
     board, shown = Shared(), watched(0)
-    watch = _Watch(board, shown, Namespace(), ReadingPrinter(shown, as_json=False), Interruption("ended"))  # type: ignore[arg-type]
+    watch = _ReadingLoop(board, shown, Namespace(), ReadingPrinter(shown), Interruption("ended"))  # type: ignore[arg-type]
     tasks = [asyncio.create_task(each) for each in (watch._states(), watch._battery())]
     await asyncio.sleep(60)
     assert shown.battery == 80.0

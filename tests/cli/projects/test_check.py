@@ -11,11 +11,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
-from servolink.profiles.store import save_profile
-from servolink.project.model import Project
-from servolink.project.project_file import load_project, save_project
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.boards import BoardProfile, BoardSettings, ProfileFile, SafetyLimits
+from servolink.project import Project, load_project, save_project
+from servolink.protocol import Action, Macro, MacroCommand, Step
 from tests.cli.programs import Said, call
 from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE
 
@@ -162,12 +160,12 @@ class TestPreflight:
     def test_limits_of_a_board(self, run: File, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
         limits = SafetyLimits(angles={1: (-50, 50)}, speed_caps={5: 40})
-        save_profile("rex", BoardProfile(limits=limits))
+        ProfileFile("rex").save(BoardProfile(limits=limits))
         far = 'step 1 asks servo 1 to go to 60 degrees; its limits are -50..50 (from profile "rex")'
         assert run("preflight", "--profile", "rex").out.splitlines() == [f"actions[0].steps[0]: {far}", "1 finding"]
         assert "limits are -20..20\n" in run("preflight", "--profile", "rex", "--limit", "-20", "20").out
         fast = 'asks servo 5 for 333 degrees/s; its cap is 40 (from profile "rex")'
-        save_profile("rex", BoardProfile(settings=BoardSettings(interval_unit=0.001), limits=limits))
+        ProfileFile("rex").save(BoardProfile(settings=BoardSettings(interval_unit=0.001), limits=limits))
         assert fast in run("preflight", "--profile", "rex").out
         said = run("preflight", "--profile", "max")
         assert (said.code, "'max' has no profile" in said.err) == (2, True)

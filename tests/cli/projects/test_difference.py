@@ -7,13 +7,12 @@ from typing import Any
 
 import pytest
 
-from servolink.cli.projects.apply import plan_to_json, print_plan
+from servolink.cli.projects.apply import PlanShown, plan_text
+from servolink.cli.screen.result import print_for_people
 from servolink.cli.stored import record_tables as difference
 from servolink.cli.stored.record_tables import lines_of
-from servolink.project.model import UNFINISHED, Project
-from servolink.project.transfer.import_plan import compare
-from servolink.project.transfer.results import Change, Memory, Plan
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.project import UNFINISHED, Change, Memory, Plan, Project, compare
+from servolink.protocol import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 
 OLD = Project(
     UNFINISHED.start + 7,
@@ -99,7 +98,7 @@ def test_a_plan_names_what_the_board_lists_wrongly(capsys: pytest.CaptureFixture
     plan = Plan(
         (), ("action 1 is listed more than once",), 20, 300, 0.5, Memory(None, None, 100, 143), is_unfinished=False
     )
-    print_plan(plan)
+    print_for_people(plan_text(plan))
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "! action 1 is listed more than once"
     assert [" ".join(line.split()) for line in said[2:]] == [
@@ -108,4 +107,4 @@ def test_a_plan_names_what_the_board_lists_wrongly(capsys: pytest.CaptureFixture
         "takes about 1 s",
         "memory free 100, in a unit not learnt so far",
     ]
-    assert plan_to_json(plan)["inconsistencies"] == ["action 1 is listed more than once"]
+    assert PlanShown.of(plan).inconsistencies == ("action 1 is listed more than once",)

@@ -10,11 +10,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.project.merge import merge_projects
-from servolink.project.mirror import Mirror, mirror_project
-from servolink.project.model import Project
-from servolink.project.project_file import format_project, load_project, read_project_file, save_project
-from servolink.protocol.records import Action, ServoParameter, Step
+from servolink.project import Mirror, Project, ProjectFile, load_project, merge_projects, mirror_project, save_project
+from servolink.protocol import Action, ServoParameter, Step
 from tests.cli.programs import Said, call
 from tests.project.projects import HUMANOID, NOD, RAISE, SHOW
 
@@ -127,13 +124,13 @@ class TestOutput:
         odd = Project(actions=(Action(1, "\x1b[2J"), Action(2, "Yes")))
         save_project(run.path / "odd", odd, unchecked=True)
         assert run("rename", "odd", "action", "2", "Hi", "--in-place").code == 0
-        edited = read_project_file(run.path / "odd")
+        edited = ProjectFile.read(run.path / "odd")
         assert edited.unchecked
         assert edited.project.actions == (odd.actions[0], Action(2, "Hi"))
         said = run("rename", "odd", "action", "2", "x" * 33, "--in-place")
         assert said.code == 1
         assert "nothing was written, because the result would have a new error: actions[1]." in said.err
-        assert read_project_file(run.path / "odd") == edited
+        assert ProjectFile.read(run.path / "odd") == edited
 
     def test_pairs_that_nothing_moves_are_wrong(self, run: Folder) -> None:
         said = run("mirror", "robot", "Nod", "--map", "98=99", "-o", "=out")
@@ -165,7 +162,7 @@ class TestOutput:
 
     def test_a_project_that_is_wrong_elsewhere_can_be_repaired(self, run: Folder) -> None:
         odd = msgspec.structs.replace(HUMANOID, actions=(RAISE, Action(2, "\x07")))
-        (run.path / "odd").write_text(format_project(odd), encoding="utf-8")
+        (run.path / "odd").write_text(ProjectFile(odd).text(), encoding="utf-8")
         assert run("rename", "odd", "servo", "5", "head", "--in-place").code == 1
         assert run("rename", "odd", "action", "2", "Bell", "--in-place").code == 0
         assert run.load("odd").actions[1] == Action(2, "Bell")

@@ -8,12 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.project.model import UNFINISHED, Project
-from servolink.project.project_file import load_project, save_project
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
-from servolink.transports.line_faults import Faults
+from servolink.client import Board, connect
+from servolink.project import UNFINISHED, Project, load_project, save_project
+from servolink.protocol import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.transports import Faults
 from tests.cli import terminals
 from tests.cli.conftest import Addresses
 from tests.cli.programs import Said, call, in_terminal

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from servolink.project.model import Project
-from servolink.project.project_file import save_project
-from servolink.protocol.records import Action, Step
+from servolink.project import Project, save_project
+from servolink.protocol import Action, Step
 from tests.cli.programs import call
 
 LARGE = Project(8, actions=tuple(Action(at, "Bow", (Step(1, 0, 1),) * 10) for at in range(1, 4)))

@@ -10,12 +10,10 @@ from typing import Any
 
 import pytest
 
-from servolink.client.board import Board
+from servolink.client import Board
 from servolink.errors import ConnectionLost
-from servolink.project.model import Project
-from servolink.project.project_file import save_project
-from servolink.project.transfer.results import ApplyResult, Progress
-from servolink.protocol.records import Action
+from servolink.project import ApplyResult, Progress, Project, save_project
+from servolink.protocol import Action
 from tests.cli.programs import Said, call
 
 BOTH = "nothing is lost: the same command finishes it"

@@ -10,10 +10,9 @@ import pytest
 from servolink.cli.projects import play
 from servolink.cli.projects.play import chart
 from servolink.cli.screen.output import text_width
-from servolink.project.model import Project
-from servolink.project.project_file import save_project
-from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
-from servolink.virtual.dry_run import DryMove, Timeline
+from servolink.project import Project, save_project
+from servolink.protocol import Action, Macro, MacroCommand, ServoParameter, Step
+from servolink.virtual import DryMove, Timeline
 from tests.cli.programs import call
 from tests.cli.terminals import in_terminal
 from tests.project.projects import HUMANOID

@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 
 from servolink.cli.projects.play import key_handler, state_of
-from servolink.client.playing import Playback
-from servolink.project.build import build_project
-from servolink.project.project_file import save_project
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.client import Playback
+from servolink.project import build_project, save_project
+from servolink.protocol import Action, Macro, MacroCommand, Step
 from tests.cli.programs import in_terminal
 from tests.cli.robot import Robot
 
@@ -90,7 +89,7 @@ def test_a_board_in_the_environment_is_not_moved(
     [
         (("Wave", "--limit", "-20", "20"), "asks servo 1 to go to 30 degrees; its limits are -20..20"),
         (("Dance", "--speed-cap", "20"), "its cap is 20"),
-        (("Stranger",), "moves servo 9, which the board does not have"),
+        (("Stranger",), "the board has no servo 9; nothing was moved"),
         (("Nobody",), "Nobody"),
     ],
 )

@@ -11,12 +11,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.project.model import Project
-from servolink.project.project_file import save_project
-from servolink.protocol.record_types import ACTION
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.state_file import save_state
+from servolink.project import Project, save_project
+from servolink.protocol import ACTION, Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter
+from servolink.virtual import VirtualBoard, save_state
 from tests.cli.programs import call
 from tests.cli.terminals import in_terminal
 from tests.project.projects import HUMANOID

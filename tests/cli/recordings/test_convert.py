@@ -1,7 +1,4 @@
-"""`servolink convert` writes tables that a spreadsheet reads without obeying them, and captures.
-
-Module: servolink.recorder.tables.
-"""
+"""`servolink convert` writes tables that a spreadsheet reads without obeying them, and captures."""
 
 from __future__ import annotations
 
@@ -14,11 +11,8 @@ from typing import NoReturn
 
 import pytest
 
-from servolink.protocol.codec import Codec
-from servolink.protocol.servos import QueryServoListRequest
-from servolink.recorder import tables as tables_module
-from servolink.recorder.channels import Event, Message, Wire
-from servolink.recorder.mcap_reader import MAGIC
+from servolink.protocol import Codec, QueryServoListRequest
+from servolink.recorder import MAGIC, Event, Message, Wire
 from tests import processes
 from tests.cli.programs import call
 from tests.recorder.files import START, write
@@ -191,23 +185,6 @@ def test_on_a_full_disk_what_was_there_stays(
     assert (said.code, said.err) == (1, f"servolink: {out} cannot be written: {os.strerror(errno.ENOSPC)}\n")
     assert (out.read_bytes() if out.exists() else None) == before
     assert {each.name for each in tmp_path.iterdir()} == {"out.mcap", "x"} - ({"x"} if before is None else set())
-
-
-def test_no_table_is_replaced_if_one_of_them_cannot_be_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = write(tmp_path / "out.mcap", [*MANY, (999.0, Wire("sent", b"last", 999.0))])
-    tables = [path.with_name(f"out.{channel}.csv") for channel in ("events", "wire")]
-    for each in tables:
-        each.write_text("precious")
-    cells = tables_module.cells
-    monkeypatch.setattr(
-        tables_module, "cells", lambda entry: full() if getattr(entry.message, "data", b"") == b"last" else cells(entry)
-    )
-    said = call(capsys, "convert", str(path), "--csv", "--force")
-    assert (said.code, said.err) == (1, f"servolink: {tables[1]} cannot be written: {os.strerror(errno.ENOSPC)}\n")
-    assert [each.read_text() for each in tables] == ["precious", "precious"]
-    assert len(list(tmp_path.iterdir())) == 3
 
 
 # No compiled module is written: Python does not see that a file was cut by the limit. The limit is lifted at the end:

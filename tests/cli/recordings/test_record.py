@@ -17,9 +17,7 @@ import pytest
 from servolink.cli import command_session
 from servolink.cli.command_session import Interruption
 from servolink.cli.recordings.record_view import RecordView, status_line, summary
-from servolink.recorder.reading import Recording
-from servolink.recorder.recorder import Recorder
-from servolink.recorder.writer import RecorderStatus, Saved
+from servolink.recorder import Recorder, RecorderStatus, Recording, Saved
 from tests.cli.programs import call
 
 

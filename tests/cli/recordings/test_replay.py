@@ -8,13 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from servolink.client.connect import connect
-from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.records import Step
-from servolink.protocol.servos import ExecuteActionRequest
-from servolink.recorder.channels import ServosRead, ServoState
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.state_file import save_state
+from servolink.client import connect
+from servolink.protocol import ExecuteActionRequest, ExecuteMacroRequest, Step
+from servolink.recorder import ServosRead, ServoState
+from servolink.virtual import VirtualBoard, save_state
 from tests.cli.programs import call, finished, started
 from tests.cli.terminals import in_terminal
 from tests.recorder.files import write

@@ -6,17 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from servolink.client.board import Board
-from servolink.discovery.search import SearchResult
+from servolink.client import Board
 from servolink.errors import ConnectionLost
-from servolink.protocol.records import Action, ServoParameter, Step
-from servolink.recorder.bug_report import FACTS, PROJECT, RECORDING, read_report
-from servolink.transports.device_info import DeviceInfo, PortIdentity
+from servolink.protocol import Action, ServoParameter, Step
+from servolink.recorder import BugReport
 from tests.cli.programs import call
 from tests.cli.robot import Robot
 from tests.cli.terminals import in_terminal
 from tests.recorder.test_bug_report import PRIVATE, in_it
 from tests.recorder.test_replaying import WAVE
+from tests.transports.listed_ports import listed, port
 
 
 @pytest.fixture
@@ -41,8 +40,9 @@ def test_report_of_a_board(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     said = call(capsys, "--board", "zyx-board", "report", "--seconds", "1", "--yes", "-o", str(path))
     assert said.code == 0, said.err
     assert "not in it: captions, serial numbers, paths" in said.out
-    facts, files = read_report(path)
-    assert set(files) == {FACTS, RECORDING}
+    report = BugReport.read(path)
+    facts, files = report.facts, report.files
+    assert set(files) == {BugReport.FACTS, BugReport.RECORDING}
     assert facts["board"] == {"address": "virtual"}
     assert facts["stats"]["frames_received"] > 20
     assert facts["versions"].keys() >= {"servolink", "python", "msgspec"}
@@ -61,11 +61,11 @@ def test_project_only_if_agreed(tmp_path: Path, capsys: pytest.CaptureFixture[st
     path = tmp_path / "report.zip"
     options = ("--seconds", "0", "--yes", "--json", "-o", str(path))
     said = call(capsys, "--board", "virtual://", "report", "--with-project", *options)
-    assert said.json["contents"].keys() == {FACTS, PROJECT}
-    assert PRIVATE.encode() in read_report(path)[1][PROJECT]
+    assert said.json["contents"].keys() == {BugReport.FACTS, BugReport.PROJECT}
+    assert PRIVATE.encode() in BugReport.read(path).files[BugReport.PROJECT]
     assert "report.zip exists already; --force replaces it" in call(capsys, "-b", "virtual://", "report", *options).err
     call(capsys, "--board", "virtual://", "report", "--force", *options)
-    assert read_report(path)[1].keys() == {FACTS}
+    assert BugReport.read(path).files.keys() == {BugReport.FACTS}
 
 
 @pytest.mark.usefixtures("robot_with_secrets")
@@ -91,10 +91,11 @@ def test_board_that_is_not_there_has_a_report_too(tmp_path: Path, capsys: pytest
     path = tmp_path / "report.zip"
     said = call(capsys, "--board", "serial:///dev/zyx-1", "report", "--yes", "-o", str(path))
     assert said.code == 0
-    facts, files = read_report(path)
-    assert set(files) == {FACTS}
+    report = BugReport.read(path)
+    facts, files = report.facts, report.files
+    assert set(files) == {BugReport.FACTS}
     assert "absent" in [finding["check"] for finding in facts["doctor"]["findings"]]
-    assert b"zyx" not in files[FACTS]
+    assert b"zyx" not in files[BugReport.FACTS]
 
 
 def test_nothing_is_written_unasked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -120,10 +121,10 @@ def test_board_that_fails_meanwhile_has_a_report_too(
     def lost(*_: object, **__: object) -> None:
         raise ConnectionLost(f"/dev/{PRIVATE} was unplugged after 3 s")
 
-    monkeypatch.setattr("servolink.recorder.recorder.record", lost)
+    monkeypatch.setattr("servolink.cli.recordings.report.record", lost)
     path = tmp_path / "report.zip"
     assert call(capsys, "--board", "virtual://", "report", "--yes", "-o", str(path)).code == 0
-    facts, _ = read_report(path)
+    facts = BugReport.read(path).facts
     assert facts["trouble"] == "*** was unplugged after 3 s"
 
 
@@ -135,22 +136,23 @@ def test_profile_is_in_it_without_what_tells_the_board_from_others(
     call(capsys, "board", "set", "zyx-board", "--depth", "4", "--angle", "3=0..9")
     path = tmp_path / "report.zip"
     call(capsys, "--board", "zyx-board", "report", "--seconds", "0", "--yes", "-o", str(path))
-    facts, files = read_report(path)
+    report = BugReport.read(path)
+    facts, files = report.facts, report.files
     assert facts["profile"]["settings"]["depth"] == 4
     assert facts["profile"].keys() == {"settings", "limits"}
-    assert b"zyx" not in files[FACTS].lower()
+    assert b"zyx" not in files[BugReport.FACTS].lower()
 
 
 def test_devices_here_are_named_by_their_kind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    device = DeviceInfo("serial:///dev/zyx-1", "Zyx", PortIdentity(0x1A86, 0x7523, serial_number="ZYX99"))
-    monkeypatch.setattr("servolink.doctor.examine.find_devices", lambda: SearchResult([device], []))
+    listed(monkeypatch, port("/dev/zyx-1", 0x1A86, "Zyx", "ZYX99", pid=0x7523))
     path = tmp_path / "report.zip"
     call(capsys, "--board", "virtual://", "report", "--seconds", "0", "--yes", "-o", str(path))
-    facts, files = read_report(path)
+    report = BugReport.read(path)
+    facts, files = report.facts, report.files
     assert facts["doctor"]["devices"] == [{"address": "serial", "usb": "1a86:7523"}]
-    assert b"zyx" not in files[FACTS].lower()
+    assert b"zyx" not in files[BugReport.FACTS].lower()
 
 
 def test_a_file_that_cannot_be_written_is_said_before_anything_is_recorded(

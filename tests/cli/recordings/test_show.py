@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.recorder.channels import Event, Message, PacketSeen, ServosRead
+from servolink.recorder import Event, Message, PacketSeen, ServosRead
 from tests.cli.programs import call
 from tests.cli.terminals import ESCAPE, in_terminal
 from tests.recorder.files import ABOUT, write

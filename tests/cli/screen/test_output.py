@@ -14,10 +14,10 @@ from rich.console import Console
 
 from servolink.cli.screen import live
 from servolink.cli.screen.output import Table, angle_text, plain_lines, show_table
-from servolink.client.servo_state import Servo
-from servolink.connection.stats import Stats
-from servolink.motion.angles import Adc, Angle, Degrees
-from servolink.project.transfer.results import Progress
+from servolink.client import Servo
+from servolink.connection import Stats
+from servolink.motion import Adc, Angle, Degrees
+from servolink.project import Progress
 
 
 def test_numbers_stand_to_the_right_and_texts_to_the_left() -> None:
@@ -74,6 +74,7 @@ def test_long_facts_are_wrapped_between_words() -> None:
 @pytest.mark.parametrize("angle", [Degrees(-120), Adc(4095)])
 def test_no_angle_is_cut_off_beside_a_bar(angle: Angle, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
     said = io.StringIO()
+    monkeypatch.setattr(live, "is_terminal", lambda: True)
     monkeypatch.setattr(live, "console", lambda: Console(file=said, width=width))
     with live.live_bars() as draw:
         draw(0.0, [Servo(254, angle, 0, 0, 0, is_start=True, is_hold=True)])
@@ -85,6 +86,7 @@ def test_no_angle_is_cut_off_beside_a_bar(angle: Angle, width: int, monkeypatch:
 def test_bars_are_made_of_what_the_terminal_can_show(encoding: str, bar: str, monkeypatch: pytest.MonkeyPatch) -> None:
     said = io.BytesIO()
     file = io.TextIOWrapper(said, encoding=encoding, errors="backslashreplace")
+    monkeypatch.setattr(live, "is_terminal", lambda: True)
     monkeypatch.setattr(live, "console", lambda: Console(file=file, width=80, color_system=None))
     with live.live_bars() as draw:
         draw(0.0, [Servo(1, Degrees(90), 0, 0, 1, is_start=True, is_hold=True)])
@@ -96,7 +98,7 @@ def test_each_picture_of_an_import_names_its_phase(monkeypatch: pytest.MonkeyPat
     drawn = io.StringIO()
     monkeypatch.setattr(live, "console", lambda **_: Console(file=drawn, force_terminal=True, width=100))
     monkeypatch.setattr("sys.stderr", SimpleNamespace(isatty=lambda: True))
-    with live.shown_progress(SimpleNamespace(stats=Stats()), quiet=False) as on_progress:  # type: ignore[arg-type]
+    with live.shown_progress(SimpleNamespace(stats=Stats())) as on_progress:  # type: ignore[arg-type]
         for phase in ("reading", "saving", "writing"):
             on_progress(Progress(phase, 1, 2, "action 1"))
     pictures = [line for line in re.split(r"[\r\n]", drawn.getvalue()) if "\u2501" in line]

@@ -8,11 +8,8 @@ import sys
 import pytest
 
 from servolink.cli.screen.virtual_view import picture
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddServoParameterRequest
-from servolink.protocol.records import ServoParameter
-from servolink.protocol.settings import QueryRemainPowerRequest
-from servolink.virtual.board import VirtualBoard
+from servolink.protocol import AddServoParameterRequest, Codec, QueryRemainPowerRequest, ServoParameter
+from servolink.virtual import VirtualBoard
 from tests.cli.programs import in_terminal
 
 

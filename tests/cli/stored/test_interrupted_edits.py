@@ -12,10 +12,19 @@ from typing import Any
 
 import pytest
 
-from servolink.project.model import UNFINISHED, Project
-from servolink.protocol.record_types import RECORD_TYPES, STORED_TYPES
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
-from servolink.virtual.storage import Contents
+from servolink.project import UNFINISHED, Project
+from servolink.protocol import (
+    RECORD_TYPES,
+    STORED_TYPES,
+    Action,
+    Button,
+    JoystickTable,
+    Macro,
+    MacroCommand,
+    ServoParameter,
+    Step,
+)
+from servolink.virtual import Contents
 from tests import virtual_time
 from tests.cli.programs import Said
 from tests.cli.robot import Robot

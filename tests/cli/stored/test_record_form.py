@@ -10,13 +10,9 @@ import pytest
 from msgspec.structs import replace
 
 from servolink.cli.projects.apply import question
-from servolink.project.model import Project
-from servolink.project.project_file import load_project, read_project_file, save_project
-from servolink.project.transfer.results import Change, Memory, Plan
-from servolink.protocol.record_types import ACTION
-from servolink.protocol.records import Action, Macro, MacroCommand
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.state_file import save_state
+from servolink.project import Change, Memory, Plan, Project, ProjectFile, load_project, save_project
+from servolink.protocol import ACTION, Action, Macro, MacroCommand
+from servolink.virtual import VirtualBoard, save_state
 from tests.cli.programs import call
 from tests.project.projects import HUMANOID
 
@@ -83,7 +79,7 @@ def test_what_is_exported_can_always_be_planned_and_applied(tmp_path: Path, caps
     exported = call(capsys, "export", file, "--url", url)
     assert exported.code == 0
     assert "actions[0].action_caption" in exported.err
-    assert read_project_file(file).unchecked
+    assert ProjectFile.read(file).unchecked
     assert call(capsys, "plan", file, "--url", url).code == 0
     other = f"virtual://?servos=2&state={tmp_path / 'other'}"
     assert call(capsys, "plan", file, "--url", other).code == 1
@@ -96,7 +92,7 @@ def test_a_repaired_export_keeps_its_mark(tmp_path: Path, capsys: pytest.Capture
     odd = Project(actions=(Action(2, "\x07"), Action(1, "b")), macros=(Macro(3, "m", (MacroCommand(1),)),))
     save_project(tmp_path / "odd", Project(actions=odd.actions, macros=odd.macros), unchecked=True)
     assert call(capsys, "project", "check", str(tmp_path / "odd"), "--fix").code == 1
-    assert read_project_file(tmp_path / "odd").unchecked
+    assert ProjectFile.read(tmp_path / "odd").unchecked
 
 
 @pytest.mark.parametrize("number", ["0", "-1", "2147483648"])

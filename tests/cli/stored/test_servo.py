@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.records import ServoParameter
+from servolink.project import BackupStore
+from servolink.protocol import ServoParameter
 from tests.cli.robot import Robot
 
 

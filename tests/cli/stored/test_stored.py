@@ -14,11 +14,9 @@ from typing import Any
 
 import pytest
 
-from servolink.client.board import Board
-from servolink.project.model import UNFINISHED, Project
-from servolink.project.project_file import save_project
-from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.records import (
+from servolink.client import Board
+from servolink.project import UNFINISHED, BackupStore, Project, save_project
+from servolink.protocol import (
     Action,
     Button,
     JoystickTable,
@@ -28,8 +26,7 @@ from servolink.protocol.records import (
     ServoParameter,
     Step,
 )
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
+from servolink.virtual import BoardKind, VirtualBoard
 from tests.cli.robot import Robot
 from tests.cli.terminals import in_terminal
 

@@ -16,17 +16,20 @@ from msgspec import Struct, structs
 
 from servolink.cli.screen.output import plain_lines
 from servolink.cli.together.share_view import Rate, facts, is_for_the_log, programs, status_line, text_of
-from servolink.control.notifications import (
+from servolink.control import (
     ConnectionNow,
     HoldNotice,
+    HoldStatus,
+    HubStatus,
     LeaseNotice,
+    LeaseStatus,
     ProblemNotice,
     ProgramNotice,
+    ProgramStatus,
     RecordingNotice,
     RefusedNotice,
 )
-from servolink.control.status import HoldStatus, HubStatus, LeaseStatus, ProgramStatus
-from servolink.hub.serving import default_name
+from servolink.hub import default_name
 from tests.cli.programs import finished, in_terminal, program, started
 from tests.cli.terminals import in_pipe
 
