@@ -40,7 +40,7 @@ def _run(argv: Sequence[str] | None) -> int:
 
     gc.set_threshold(_OBJECTS)
     atexit.register(gc.freeze)  # all is closed by then; looking for garbage would take 7 % of a short command
-    from servolink.cli.main import run
+    from servolink.cli import run
 
     return run(argv)
 

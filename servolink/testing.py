@@ -5,17 +5,13 @@ from __future__ import annotations
 import asyncio
 import selectors
 from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
 from itertools import count
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeVar
 
-from servolink.client.connect import connect
-from servolink.protocol.codec import PACKETS
-from servolink.protocol.packet import Packet, Request, Result
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.board_script import apply, parse_script
-from servolink.virtual.handlers import RequestContext, Response
-from servolink.virtual.kind import DEFAULT_KIND, BoardKind
-from servolink.virtual.transport import BOARDS
+from servolink.client import connect
+from servolink.protocol import PACKETS, ByteOrder, Codec, Packet, Request, Result
+from servolink.virtual import BOARDS, BoardKind, RequestContext, Response, VirtualBoard, parse_script
 
 T = TypeVar("T")
 P = TypeVar("P", bound=Packet)
@@ -82,8 +78,27 @@ async def _without_tasks(main: Coroutine[Any, Any, T]) -> T:
 
 # --- a board for tests of programs ------------------------------------------------------------------------------------
 
-_Fault: TypeAlias = Callable[[RequestContext[Any]], tuple[Response, float]]
 _numbers = count(1)
+
+
+@dataclass(frozen=True, slots=True)
+class Fate:
+    """Fate of a request and of its response, by default as on a board without faults."""
+
+    executes: bool = True
+    """Whether the board executes the request. Otherwise it sends no response, or `says`."""
+    answers: bool = True
+    """Whether a response is sent."""
+    delay: float = 0.0
+    """Seconds that the response comes later, at least 0; later responses wait."""
+    says: Packet | bool | None = None
+    """Response in place of the true one, not checked, or the result of a response that has one; None for the truth."""
+    copies: int = 1
+    """Number of times that the response is sent."""
+    damage: Callable[[bytes], bytes] = bytes
+    """Function from the frame of the response to the bytes that are sent."""
+    unplugs: bool = False
+    """Whether all connections are lost when the request arrives, before it takes effect."""
 
 
 class FakeBoard(VirtualBoard):
@@ -95,16 +110,29 @@ class FakeBoard(VirtualBoard):
     raise ValueError if `times` is below 1.
     """
 
-    def __init__(self, servos: int = 16, *, seed: int = 0, kind: BoardKind = DEFAULT_KIND) -> None:
+    def __init__(
+        self,
+        servos: int = 16,
+        *,
+        seed: int = 0,
+        kind: BoardKind = BoardKind.DEFAULT,
+        byte_order: ByteOrder = "little",
+        usual: Fate | None = None,
+    ) -> None:
         """Switch on a board, as `VirtualBoard` does. Raise ValueError for a value out of range."""
-        super().__init__(servos, seed, kind=kind)
+        super().__init__(servos, seed, Codec(byte_order), kind)
         name = f"fake-{next(_numbers)}"
         BOARDS[name] = self
         self.url = f"virtual://{name}"
         """Address of the board in this program, for `connect` and `reconnecting`; faults of the line may be added."""
         self.requests: list[Packet] = []
         """Received requests in order, including requests of connecting and requests with a fault."""
-        self._faults: list[tuple[tuple[type[Packet], ...], _Fault]] = []
+        self.usual = usual or Fate()
+        """Fate of requests for which nothing is planned; may be changed at any time."""
+        self.usual_of: dict[type[Packet], Fate] = {}
+        """Fate of requests of single classes for which nothing is planned, in place of `usual`."""
+        self._plans: list[tuple[type[Packet] | tuple[type[Packet], ...], Fate]] = []
+        self._fate = self.usual  # of the request in hand
 
     def connect(self, **options: Any) -> connect:
         """Return `servolink.connect` for this board, with the same options: `async with fake.connect() as board:`."""
@@ -114,39 +142,38 @@ class FakeBoard(VirtualBoard):
         """Return the received requests of a class, in order."""
         return [each for each in self.requests if isinstance(each, request)]
 
+    def plan(self, requests: type[Packet] | tuple[type[Packet], ...], *fates: Fate) -> None:
+        """Plan fates of the next requests of a class, or of one of several, in order; `Packet` is any class."""
+        self._plans += [(requests, fate) for fate in fates]
+
+    def forget_plans(self) -> None:
+        """Plan nothing any more, also for single classes; `usual` stays."""
+        self._plans.clear()
+        self.usual_of.clear()
+
     def drop(self, *requests: type[Packet], times: int = 1) -> None:
         """Lose the request on its way: the board does nothing."""
-        self._plan(requests, times, lambda context: (None, 0.0))
+        self._repeat(requests, times, Fate(executes=False))
 
     def drop_response(self, *requests: type[Packet], times: int = 1) -> None:
         """Execute the request, and lose the response on its way."""
-        self._plan(requests, times, lambda context: (None, VirtualBoard.handle(self, context)[1]))
+        self._repeat(requests, times, Fate(answers=False))
 
     def delay(self, seconds: float, *requests: type[Packet], times: int = 1) -> None:
         """Take `seconds` longer for the request; later requests wait."""
-
-        def late(context: RequestContext[Any]) -> tuple[Response, float]:
-            response, working = VirtualBoard.handle(self, context)
-            return response, working + seconds
-
-        self._plan(requests, times, late)
+        self._repeat(requests, times, Fate(delay=seconds))
 
     def refuse(self, *requests: type[Request[Result]], times: int = 1) -> None:
         """Respond with the result 0, without any effect. Raise TypeError for a class without such a response."""
         for request in requests:
             if not issubclass(PACKETS[request.packet_id + 1], Result):
                 raise TypeError(f"{request.__name__} cannot be refused: the response has no result")
-        self._plan(requests, times, lambda context: (False, self.kind.turnaround))
+        self._repeat(requests, times, Fate(executes=False, says=False))
 
     def lose_connection(self, *requests: type[Packet], times: int = 1) -> None:
         """Lose all connections before the request takes effect; without `requests`, immediately."""
-
-        def lose(context: RequestContext[Any]) -> tuple[Response, float]:
-            self.unplug()
-            return None, 0.0
-
         if requests:
-            self._plan(requests, times, lose)
+            self._repeat(requests, times, Fate(unplugs=True))
         else:
             self.unplug(asyncio.get_running_loop().time())
 
@@ -157,19 +184,39 @@ class FakeBoard(VirtualBoard):
         """
         loop = asyncio.get_running_loop()
         for event in parse_script(text):
-            due = loop.time() + event.at
-            loop.call_at(due, apply, self, event, due)
+            loop.call_later(event.at, event.apply, self, loop.time() + event.at)
 
     def handle(self, context: RequestContext[Any]) -> tuple[Response, float]:
-        """Execute a request, with the first fault planned for it."""
+        """Execute a request, with the first fate planned for it."""
         self.requests.append(context.request)
-        for planned in self._faults:
-            if isinstance(context.request, planned[0] or Packet):
-                self._faults.remove(planned)
-                return planned[1](context)
-        return VirtualBoard.handle(self, context)
+        fate = self._fate = self.fate_of(context.request)
+        if fate.unplugs:
+            self.unplug()
+            return None, 0.0
+        response: Response = fate.says
+        working = 0.0 if fate.says is None else self.kind.turnaround
+        if fate.executes:
+            truth, working = VirtualBoard.handle(self, context)
+            response = truth if fate.says is None else fate.says
+        return response if fate.answers else None, working + fate.delay
 
-    def _plan(self, requests: tuple[type[Packet], ...], times: int, fault: _Fault) -> None:
+    def frame(self, packet_id: int, response: Response) -> bytes | None:
+        """Return what is sent for a response to the request in hand: damaged, or several times, if so planned."""
+        if isinstance(response, Packet):
+            frame: bytes | None = self.codec.encode(response, unchecked=True)
+        else:
+            frame = super().frame(packet_id, response)
+        return None if frame is None else b"".join(self._fate.damage(frame) for _ in range(self._fate.copies))
+
+    def fate_of(self, request: Packet) -> Fate:
+        """Return the fate of a request that has arrived, which is no longer planned then."""
+        for number, (requests, fate) in enumerate(self._plans):
+            if isinstance(request, requests):
+                del self._plans[number]
+                return fate
+        return self.usual_of.get(type(request), self.usual)
+
+    def _repeat(self, requests: tuple[type[Packet], ...], times: int, fate: Fate) -> None:
         if times < 1:
             raise ValueError(f"times must be at least 1, not {times}")
-        self._faults += [(requests, fault)] * times
+        self.plan(requests or Packet, *[fate] * times)

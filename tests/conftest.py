@@ -24,7 +24,7 @@ settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True
 settings.load_profile("ci" if os.environ.get("CI") else "here")
 
 
-_BY_NUMBERS = ("tests/reliability/", "tests/hostile/test_lying_boards.py")
+_BY_NUMBERS = ("tests/proofs/reliability/", "tests/proofs/hostile/test_lying_boards.py")
 """Tests that prove something by its numbers, through lines that others cover too."""
 
 
@@ -58,16 +58,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Collect no garbage while tests are collected: there is none, and looking for it takes a third of the time.
-
-    Where Python writes no compiled modules beside the sources, keep those of the tests, of the workers and of the
-    programs that tests start in pytest's cache: compiling the tests takes longer than collecting them.
-    """
+    """Collect no garbage while tests are collected: there is none, and looking for it takes a third of the time."""
     gc.disable()
-    if sys.dont_write_bytecode and (cache := getattr(config, "cache", None)):
-        sys.dont_write_bytecode = False
-        sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"] = str(cache.mkdir("pycache"))
-        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     if config.getoption("--board") == "firmware":
         config.pluginmanager.import_plugin("tests.firmware.board_option")
 

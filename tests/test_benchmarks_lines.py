@@ -9,16 +9,12 @@ import pytest
 from msgspec.structs import astuple
 
 from benchmarks.answers import SERVO_IDS, SERVOS, answers
-from benchmarks.crowd import growth
 from benchmarks.instant import InstantTransport, requests
-from benchmarks.responder import Listener, Responder, program
+from benchmarks.responder import Responder, program
 from benchmarks.wire import LINES, Line, limit
-from servolink.client.connect import connect
-from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Query
-from servolink.protocol.servos import QueryServoListRequest, QueryServoRequest
-from servolink.protocol.settings import QueryRemainPowerRequest
-from servolink.transports.base import Transport
+from servolink.client import connect
+from servolink.protocol import Codec, Query, QueryRemainPowerRequest, QueryServoListRequest, QueryServoRequest
+from servolink.transports import Transport
 
 REQUEST, RESPONSE = 10, 186  # bytes of the frames of a poll
 
@@ -34,17 +30,14 @@ async def ask_everything(url: str | Transport) -> None:
         assert await board.active_joystick_table() == 1
 
 
-@pytest.mark.parametrize("kind", [Responder, Listener])
 @pytest.mark.parametrize("language", ["C", "Python"])
-def test_a_responder_answers_whatever_opening_and_polling_ask(
-    kind: type[Responder | Listener], language: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_responder_answers_whatever_opening_and_polling_ask(language: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if language == "Python":
         monkeypatch.setattr("shutil.which", lambda _: None)
         program.cache_clear()
-    other = kind(answers())
+    other = Responder(answers())
     try:
-        asyncio.run(ask_everything(other.path if isinstance(other, Responder) else other.url))
+        asyncio.run(ask_everything(other.path))
     finally:
         other.close()
         program.cache_clear()
@@ -85,12 +78,3 @@ def test_an_adapter_keeps_a_response_until_its_time_is_over() -> None:
     whole = limit(Line("long enough", line.bytes_per_second, line.turnaround, 0.1), 1, 20)
     assert whole == pytest.approx(RESPONSE / line.bytes_per_second / (first + 0.1))
     assert limit(line, 1, 20) < expected  # its last bytes come after the first 16 ms, and wait once more
-
-
-@pytest.mark.parametrize(
-    ("costs", "times"),
-    [({1: 9, 10: 3, 100: 3}, 1), ({1: 9, 10: 3, 100: 6, 1000: 5}, 2), ({1: 3, 10: 9, 100: 3}, 3)],
-    ids=["falls", "rises", "rises and falls"],
-)
-def test_growth_is_counted_from_the_cheapest_to_any_larger_number(costs: dict[int, float], times: float) -> None:
-    assert growth(costs)[0] == times

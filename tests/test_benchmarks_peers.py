@@ -14,11 +14,8 @@ from benchmarks.peers import tables
 from benchmarks.peers.damage import DAMAGES, damage, recall
 from benchmarks.peers.ours import Ours, OursTyped, Textbook, typical
 from benchmarks.peers.peer import SIZES, Peer
-from benchmarks.peers.row import MIX_CHUNKS, Mix, Row
+from benchmarks.peers.row import Row
 from benchmarks.peers.speed import Pace, Speed
-from benchmarks.samples import near
-from benchmarks.streams import MIXES, mixed_frame
-from servolink.protocol.codec import Codec
 
 
 def installed() -> list[type[Peer]]:
@@ -43,7 +40,7 @@ def test_what_is_missing_is_reported_and_the_rest_is_measured(
 
 def row(peer: type[Peer], times: float, typed: float) -> Row:
     speed = Speed(times, 1.0, Comparison(1.0, times, times, 0.01), Comparison(1.0, typed, typed, 0.01))
-    return Row(peer, 14, 14, speed, None, {"64": speed}, {}, {})
+    return Row(peer, 14, 14, speed, {}, {})
 
 
 class Library(Textbook):
@@ -62,25 +59,21 @@ class Compiled(Library):
 
 @pytest.mark.parametrize(("ratio", "met"), [(10.0, True), (9.94, False)])
 def test_a_goal_is_missed_by_whoever_comes_nearest(ratio: float, met: bool) -> None:
-    (goal,) = peers.goals([row(Library, 50.0, 1.0), row(Library, ratio, 1.0), row(Textbook, 2.0, 1.0)], [])
+    (goal,) = peers.goals([row(Library, 50.0, 1.0), row(Library, ratio, 1.0), row(Textbook, 2.0, 1.0)])
     assert goal["met"] == met
     assert goal["figure"] == f"{ratio:.1f}x its speed"
 
 
 def test_ours_makes_objects_too_beside_a_parser_that_does() -> None:
-    (goal,) = peers.goals([row(Library, 12.0, 1.0), row(Builder, 50.0, 9.0)], [])
+    (goal,) = peers.goals([row(Library, 12.0, 1.0), row(Builder, 50.0, 9.0)])
     assert not goal["met"]
     assert goal["figure"] == "9.0x its speed"
     assert "builder, both with objects" in goal["name"]
 
 
-def test_streams_of_many_kinds_have_a_goal_too() -> None:
-    level = row(Compiled, 0.5, 0.1)
-    mixes = [Mix(Compiled, stream, dict.fromkeys(MIX_CHUNKS, level.best)) for stream in MIXES]
-    found = {goal["name"]: goal for goal in peers.goals([level], mixes)}
-    assert len(found) == 2
-    assert {goal["figure"] for goal in found.values()} == {"2.00x its time"}
-    assert not any(goal["met"] for goal in found.values())
+def test_a_compiled_parser_has_a_goal_of_its_own() -> None:
+    (goal,) = peers.goals([row(Compiled, 0.5, 0.1)])
+    assert (goal["figure"], goal["met"]) == ("2.00x its time", False)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -89,23 +82,6 @@ def test_cobs_checks_the_same_sum_as_ours(size: int) -> None:
     frame = cobs.frame(size, 7)
     assert len(cobs().feed(frame)) == 1
     assert cobs().feed(frame[:-3] + bytes([frame[-3] ^ 0x80 or 1]) + frame[-2:]) == []
-
-
-@pytest.mark.parametrize("size", [14, 186])
-def test_a_mixed_stream_has_many_kinds_of_frames_of_about_one_size(size: int) -> None:
-    frames = {Codec().encode(packet) for packet in near(size)}
-    assert len({frame[:8] for frame in frames}) == {14: 44, 186: 15}[size]
-    assert all(abs(len(frame) - size) <= 8 for frame in frames)
-    assert {mixed_frame(size, number) for number in range(1000)} == frames
-
-
-@pytest.mark.parametrize("size", [14, 186])
-def test_each_parser_finds_every_frame_of_a_mixed_stream(size: int) -> None:
-    for peer in installed():
-        sent = [frame for number in range(200) if (frame := peer.mixed(size, number))]
-        parser = peer()
-        fed = [b"".join(sent)] if peer.feeding == "stream" else sent
-        assert sum(len(parser.feed(chunk)) for chunk in fed) == len(sent), peer.name
 
 
 def test_each_library_is_in_the_extra() -> None:

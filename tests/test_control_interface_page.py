@@ -7,7 +7,7 @@ import json
 import pytest
 
 from docs.control_interface import PAGE, SCHEMA, control_interface, schema, schema_text
-from servolink.control.notifications import NOTIFICATIONS
+from servolink.control import NOTIFICATIONS
 from servolink.hub import METHODS
 from tests.tables import over
 

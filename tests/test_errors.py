@@ -1,6 +1,6 @@
 """Errors: safe to print whatever boards and files contain, on one side or the other, with a reason for programs.
 
-Module: servolink.escaping.
+Module: servolink.errors.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from pathlib import Path
 import pytest
 
 from servolink import errors
-from servolink.control.channel import error_of
-from servolink.control.error_codes import KINDS, error_object
+from servolink.control import KINDS, ErrorData, ErrorObject
 from servolink.errors import (
     ConnectionLost,
     DecodeError,
@@ -34,11 +33,10 @@ from servolink.errors import (
     ServolinkError,
     SeveralBoards,
     TargetNotReached,
+    escape,
+    quote,
 )
-from servolink.escaping import escape, quote
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddActionRequest, AddServoParameterRequest
-from servolink.protocol.records import ServoParameter, Step
+from servolink.protocol import AddActionRequest, AddServoParameterRequest, Codec, ServoParameter, Step
 from tests.syntax import tree_of
 
 PACKAGE = Path(errors.__file__).parent
@@ -149,14 +147,15 @@ def test_no_error_says_only_that_a_request_failed() -> None:
 @pytest.mark.parametrize("kind", CLASSES)
 def test_a_reason_reaches_programs_through_a_hub_and_survives_pickling(kind: type[ServolinkError]) -> None:
     error = kind("text", reason=Reason.STOP)
-    told = error_object(pickle.loads(pickle.dumps(error)))  # noqa: S301 - made here
+    told = ErrorObject.of(pickle.loads(pickle.dumps(error)))  # noqa: S301 - made here
     assert (told.message, told.data.reason) == ("text", "stop")
-    assert error_of(kind.__name__, "text", told.data.reason).reason is Reason.STOP
+    assert told.as_error().reason is Reason.STOP
     assert kind("text").reason is Reason.OTHER
 
 
 def test_a_reason_of_a_newer_hub_is_another_one() -> None:
-    assert error_of("MotionRefused", "text", "full moon").reason is Reason.OTHER
+    data = ErrorData("MotionRefused", "", reason="full moon")
+    assert ErrorObject(202, "text", data).as_error().reason is Reason.OTHER
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Imports go one way, without circles; a part without clock and I/O imports neither."""
+"""Imports go one way, through doors, without circles; a room without clock and I/O imports neither."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import re
 import sys
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -29,7 +30,7 @@ MAY_IMPORT = {
     part: set(re.findall(r"`(\w+)`", others))
     for part, others in re.findall(r"^\| `(\w+)` \| ([^|]+) \|", ARCHITECTURE.read_text(encoding="utf-8"), re.MULTILINE)
 }
-"""What each part may import besides itself, `errors`, `escaping` and `numeric`, as the architecture page says."""
+"""What each room may import besides itself and `errors`, as the architecture page says."""
 
 ORDERS = {
     part: [set(re.findall(r"`(\w+)`", step)) for step in steps.split("<")]
@@ -39,8 +40,13 @@ ORDERS = {
 }
 """The modules of a part in steps, each of which may import those before it, as the architecture page says."""
 
-EVERYWHERE = {"errors", "escaping", "numeric"}
-"""Parts that all others may import."""
+EVERYWHERE = {"errors"}
+"""Rooms that all others may import."""
+
+INNER_DOORS = {"gateways"}
+"""Rooms whose rooms have doors of their own: one for each protocol."""
+
+TESTS = Path(__file__).parent
 
 FLOORS = [
     set(re.findall(r"\w+", row))
@@ -65,11 +71,10 @@ OUTSIDE_WORLD = {
 }
 """Modules for which a part that is passed bytes and times has no use."""
 SERVING = {
-    "servolink.usbip.usbip_server",
-    "servolink.virtual.serve",
+    "servolink.virtual.servers",
     "servolink.virtual.transport",
 }
-"""The modules of `virtual` and `usbip` that connect a board to the world; the others are the board."""
+"""The modules of `virtual` that connect a board to the world; the others are the board."""
 
 
 SYSTEM_MODULES = {"fcntl", "grp", "msvcrt", "pty", "pwd", "resource", "select", "termios", "tty"}
@@ -81,8 +86,11 @@ SYSTEM_NAMES = {
     *(f"os.{name}" for name in ("fork", "getegid", "geteuid", "getgid", "getgroups", "getuid", "openpty", "tcgetpgrp")),
     *(f"signal.{name}" for name in ("SIGBREAK", "SIGHUP", "SIGKILL", "SIGUSR1", "SIGUSR2")),
 }
-LOOP_METHODS = {"add_reader", "add_signal_handler", "add_writer", "create_unix_connection", "create_unix_server"}
-"""Methods that the event loop of Windows does not have."""
+LOOP_METHODS = {
+    *("add_reader", "add_signal_handler", "add_writer", "create_unix_connection", "create_unix_server"),
+    "call_at",
+}
+"""Methods that the event loop of Windows does not have; and one that fails in Pyodide for times that have passed."""
 SYSTEM_WORDS = re.compile(
     rf"\b({'|'.join(SYSTEM_MODULES | LOOP_METHODS | {name.partition('.')[2] for name in SYSTEM_NAMES})})\b"
 )
@@ -90,9 +98,9 @@ SYSTEM_WORDS = re.compile(
 SYSTEM_EXCEPTIONS = {
     ("servolink.doctor.system", "sys.platform"): "a fact like others, which tests replace",
     ("servolink.transports.hid_devices", "sys.platform"): "a library has one module more on Linux",
-    ("servolink.wireshark.dissector", "sys.platform"): "the default of a parameter",
+    ("servolink.doctor.wireshark.dissector", "sys.platform"): "the default of a parameter",
 }
-"""Modules beside `platforms` that differ between systems, and why."""
+"""Modules beside `support.platforms` that differ between systems, and why."""
 
 
 def part_of(module: str) -> str:
@@ -124,7 +132,7 @@ def own_modules(module: str) -> set[str]:
 
 def is_passed_everything(module: str) -> bool:
     """Return whether `module` is passed bytes and times and has no access of its own to them."""
-    return part_of(module) in {"protocol", "motion", "usbip", "virtual"} and module not in SERVING
+    return part_of(module) in {"protocol", "motion", "virtual"} and module not in SERVING
 
 
 def test_every_part_has_its_rule() -> None:
@@ -138,23 +146,78 @@ def test_parts_import_what_the_page_lists() -> None:
     assert {part: others - EVERYWHERE - {part} for part, others in found.items()} == MAY_IMPORT
 
 
+def test_the_package_knows_nothing_of_its_tests() -> None:
+    found = {(module, source) for module, path in MODULES.items() for source, _ in imported(path)}
+    assert {pair for pair in found if pair[1].partition(".")[0] in {"tests", "benchmarks", "docs"}} == set()
+
+
 def test_imports_lead_down_in_the_picture() -> None:
     floor_of = {part: floor for floor, parts in enumerate(FLOORS) for part in parts}
-    assert set(floor_of) == set(MAY_IMPORT) - EVERYWHERE - {"servolink", "__main__", "script"}
+    assert set(floor_of) == set(MAY_IMPORT) - EVERYWHERE - {"servolink", "__main__"}
     assert {
         (part, low) for part in floor_of for low in MAY_IMPORT[part] & set(floor_of) if floor_of[low] <= floor_of[part]
     } == set()
 
 
-def test_nobody_imports_the_inside_of_the_hub() -> None:
-    found = {
-        (module, source)
-        for module in MODULES
-        if part_of(module) != "hub"
-        for source in own_modules(module)
-        if source.startswith("servolink.hub.")
-    }
-    assert found == set()
+def doors_of(module: str) -> set[str]:
+    """Return the doors through which other rooms reach `module`."""
+    parts = module.split(".")
+    return {".".join(parts[: 3 if parts[1] in INNER_DOORS else 2]), ".".join(parts[:2])}
+
+
+def past_doors(path: Path, room: str) -> list[str]:
+    """Return the imports of a file in `room` that go past the door of another room, or name what no door has."""
+    found = []
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Import):
+            found += [each.name for each in node.names if each.name.count(".") > 1 and is_elsewhere(each.name, room)]
+        elif isinstance(node, ast.ImportFrom) and (source := node.module or "").startswith("servolink."):
+            if not is_elsewhere(source, room):
+                continue
+            if source not in doors_of(source):
+                found.append(source)
+            elif source in MODULES and source != "servolink.__main__":
+                public = vars(import_module(source)).get("__all__")
+                if public is not None:
+                    found += [f"{source}: {each.name}" for each in node.names if each.name not in public]
+        elif isinstance(node, ast.Call):
+            found += [name for name in replaced_names(node) if is_elsewhere(name, room) and not is_in_door(name)]
+    return [f"{path.relative_to(PACKAGE.parent)}: {each}" for each in found]
+
+
+def replaced_names(call: ast.Call) -> list[str]:
+    """Return the name that a call such as `monkeypatch.setattr("servolink.room.name", ...)` replaces."""
+    match call:
+        case ast.Call(func=ast.Attribute(attr="setattr" | "delattr"), args=[ast.Constant(value=str(name)), *_]):
+            return [name]
+    return []
+
+
+def is_in_door(name: str) -> bool:
+    """Return whether `name`, with its modules, is one of a door."""
+    return name.rpartition(".")[0] in doors_of(name)
+
+
+def is_elsewhere(module: str, room: str) -> bool:
+    """Return whether `module` belongs to servolink, and to another room."""
+    return module.startswith("servolink.") and part_of(module) != room
+
+
+def test_rooms_use_the_doors_of_other_rooms() -> None:
+    assert [line for module, path in MODULES.items() for line in past_doors(path, part_of(module))] == []
+
+
+def test_tests_use_the_doors_of_other_rooms() -> None:
+    files = {path: path.relative_to(TESTS).parts for path in sorted(TESTS.rglob("*.py"))}
+    found = [line for path, parts in files.items() for line in past_doors(path, parts[0])]
+    assert found == []
+
+
+@pytest.mark.parametrize("room", sorted(part for part in MAY_IMPORT if (PACKAGE / part).is_dir() and part != "cli"))
+def test_a_door_names_each_name_once(room: str) -> None:
+    door = import_module(f"servolink.{room}")
+    assert len(set(door.__all__)) == len(door.__all__)
+    assert [name for name in door.__all__ if name.startswith("_")] == []
 
 
 def test_no_import_circle() -> None:
@@ -194,7 +257,10 @@ def system_dependent(module: str) -> set[str]:
 
 def test_only_platforms_knows_systems() -> None:
     found = {
-        (module, used) for module in MODULES if part_of(module) != "platforms" for used in system_dependent(module)
+        (module, used)
+        for module in MODULES
+        if not module.startswith("servolink.support.platforms")
+        for used in system_dependent(module)
     }
     assert found == set(SYSTEM_EXCEPTIONS)
 

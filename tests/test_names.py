@@ -14,7 +14,7 @@ PACKAGE = Path(__file__).parents[1] / "servolink"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 CLASS = re.compile(r"^\s*class (\w+)", re.MULTILINE)
 
-MOST_SHARED = 12
+MOST_SHARED = 10
 """Most names of classes and files together that may stand for two things."""
 SHARED = {
     "Board": "the client with async and without: what a program knows of one is true of the other",
@@ -48,6 +48,25 @@ def test_each_class_and_each_file_has_a_name_of_its_own_or_a_reason_to_share_one
 
 def test_few_names_are_shared() -> None:
     assert len(SHARED) <= MOST_SHARED
+
+
+MOST_ALIKE = 8
+"""Most names of a private class that are those of another class but for the underscore."""
+
+
+def test_few_private_classes_are_called_as_another_class_is() -> None:
+    names = [name for module in MODULES for name in CLASS.findall(module.read_text(encoding="utf-8"))]
+    alike = {name for name, times in Counter(name.lstrip("_") for name in names).items() if times > 1}
+    assert len(alike - set(SHARED)) <= MOST_ALIKE
+
+
+def test_no_two_modules_begin_with_the_same_sentence() -> None:
+    places = defaultdict(list)
+    for module in MODULES:
+        first = " ".join((ast.get_docstring(tree_of(module)) or "").partition("\n\n")[0].split())
+        places[first.partition(". ")[0].rstrip(".").lower()].append(str(module.relative_to(PACKAGE)))
+    assert "" not in places, "a module without a docstring"
+    assert [names for names in places.values() if len(names) > 1] == []
 
 
 GLOSSARY = PACKAGE.parent / "docs/reference/glossary.md"

@@ -6,8 +6,7 @@ import pytest
 
 from docs.packet_reference import PAGE as PATH
 from docs.packet_reference import packet_reference
-from servolink.protocol.codec import PACKETS
-from servolink.protocol.packet import Packet
+from servolink.protocol import PACKETS, Packet
 from tests.tables import over
 
 PAGE = packet_reference()

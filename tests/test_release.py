@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import configparser
 import re
-import shlex
 import shutil
 import tomllib
 from pathlib import Path
 
 import pytest
 
-from servolink.cli.command_line import parser_of
-from servolink.doctor.permissions import rules
-from servolink.doctor.system import ListedUsbDevice, SystemFacts
-from servolink.firmware.install import PRODUCT, USB_ID
+from servolink.doctor import ListedUsbDevice, SystemFacts, rules
+from servolink.firmware import PRODUCT, USB_ID
 from tests import processes
 
 ROOT = Path(__file__).parents[1]
@@ -28,21 +24,6 @@ class Debian(SystemFacts):
 
     def members(self, group: str) -> list[str] | None:
         return [] if group == "dialout" else None
-
-
-def start_of(unit: Path) -> list[str]:
-    read = configparser.ConfigParser(interpolation=None)
-    read.optionxform = str  # type: ignore[assignment,method-assign]  # as the documentation of `configparser` shows
-    read.read(unit, encoding="utf-8")
-    return shlex.split(read["Service"]["ExecStart"].replace("%i", "rex"))
-
-
-@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.stem)
-def test_a_unit_starts_a_command_that_there_is(unit: Path) -> None:
-    program, *arguments = start_of(unit)
-    assert program == "%h/.local/bin/servolink"
-    args = parser_of().parse_args(arguments)
-    assert callable(args.run)
 
 
 @pytest.mark.slow

@@ -9,11 +9,19 @@ import pytest
 
 import servolink
 from servolink import Action, ConnectionLost, OutcomeUnknown, Rejected, RequestTimeout, Step
-from servolink.protocol.editing import AddActionRequest, QueryActionListRequest
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, SetServoParameterRequest
-from servolink.protocol.settings import QueryRemainPowerRequest
-from servolink.testing import FakeBoard, run
-from servolink.virtual.kind import BoardKind
+from servolink.protocol import (
+    AddActionRequest,
+    ExecuteActionRequest,
+    Packet,
+    QueryActionListRequest,
+    QueryProjectIDRequest,
+    QueryProjectIDResponse,
+    QueryRemainPowerRequest,
+    QueryServoListRequest,
+    SetServoParameterRequest,
+)
+from servolink.testing import FakeBoard, Fate, run
+from servolink.virtual import BoardKind
 
 WAVE = Action(7, "wave", (Step(1, 40, 100),))
 
@@ -101,6 +109,46 @@ def test_only_a_request_with_a_result_can_be_refused() -> None:
 def test_a_fault_happens_at_least_once() -> None:
     with pytest.raises(ValueError, match="times must be at least 1, not 0"):
         FakeBoard().drop(times=0)
+
+
+async def test_fates_come_in_the_order_of_their_plan_and_then_the_usual_ones() -> None:
+    fake = FakeBoard(servos=2)
+    async with fake.connect() as board:
+        fake.plan(QueryProjectIDRequest, Fate(says=QueryProjectIDResponse(6)), Fate())
+        fake.plan(Packet, Fate(says=QueryProjectIDResponse(8)))
+        assert [await board.project_id() for _ in range(4)] == [6, 0, 8, 0]
+        fake.usual_of[QueryProjectIDRequest] = Fate(says=QueryProjectIDResponse(9))
+        assert [await board.project_id() for _ in range(2)] == [9, 9]
+        assert await board.servo_ids() == (1, 2)
+        fake.plan(QueryProjectIDRequest, Fate(says=QueryProjectIDResponse(7)))
+        fake.forget_plans()
+        assert await board.project_id() == 0
+    assert fake.usual == Fate()
+
+
+async def test_the_usual_fate_is_that_of_all_requests() -> None:
+    fake, loop = FakeBoard(usual=Fate(delay=0.05)), asyncio.get_running_loop()
+    async with fake.connect() as board:
+        begun_at = loop.time()
+        await board.project_id()
+        assert loop.time() - begun_at == pytest.approx(0.05)
+        fake.usual = Fate()
+        begun_at = loop.time()
+        await board.project_id()
+        assert loop.time() - begun_at < 0.04
+
+
+async def test_a_damaged_response_and_a_second_one_are_seen_by_the_connection() -> None:
+    fake = FakeBoard(byte_order="big")
+    async with fake.connect(byte_order="big") as board:
+        strays, retries = board.stats.unsolicited, board.stats.retries
+        fake.plan(QueryRemainPowerRequest, Fate(copies=2))
+        assert await board.battery() == 100
+        await asyncio.sleep(1)
+        assert board.stats.unsolicited == strays + 1
+        fake.plan(QueryRemainPowerRequest, Fate(damage=lambda frame: frame[:-1]))
+        assert await board.battery() == 100
+        assert board.stats.retries == retries + 1
 
 
 async def test_a_delayed_response_comes_that_much_later() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import venv
 import zipfile
@@ -25,6 +26,14 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built
 
 
+def installed(folder: Path, *packages: str) -> Path:
+    """Install packages into a new environment, and return the folder of its programs."""
+    venv.create(folder, with_pip=True)
+    programs = folder / ("Scripts" if sys.platform == "win32" else "bin")
+    processes.run((str(programs / "python"), "-m", "pip", "install", "--quiet", *packages), check=True)
+    return programs
+
+
 def test_the_wheel_has_what_type_checkers_and_editors_read(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     assert "servolink/py.typed" in names
@@ -38,9 +47,53 @@ def test_the_wheel_has_the_manual_pages(wheel: Path) -> None:
     assert [name for name in names if name.endswith(".data/data/share/man/man1/servolink-move.1")]
 
 
+def test_the_wheel_has_the_hook_of_pyinstaller_and_its_entry_point(wheel: Path) -> None:
+    archive = zipfile.ZipFile(wheel)
+    assert "servolink/__pyinstaller/hook-servolink.py" in archive.namelist()
+    (points,) = (name for name in archive.namelist() if name.endswith("entry_points.txt"))
+    assert "[pyinstaller40]\nhook-dirs = servolink.__pyinstaller:hook_folders\n" in archive.read(points).decode()
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("--help", "usage: servolink"),
+        ("--board virtual:// servos", "ready"),
+        ("firmware info", "SHA-256"),
+        ("wireshark", "local FIELDS"),
+        ("doctor virtual://", "nothing is wrong"),
+    ],
+)
+def test_commands_run_from_a_zip_file(wheel: Path, command: str, said: str, tmp_path: Path) -> None:
+    arguments = (sys.executable, "-m", "servolink", *command.split())
+    done = processes.run(arguments, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(wheel)}, check=True)
+    assert said in done.stdout
+
+
+@pytest.mark.timeout(1200)
+def test_a_frozen_program_connects_and_runs_commands(wheel: Path, tmp_path: Path) -> None:
+    programs = installed(tmp_path / "packing", str(wheel), "pyinstaller>=6")
+    program = tmp_path / "robot.py"
+    program.write_text(FROZEN, encoding="utf-8")
+    processes.run((str(programs / "pyinstaller"), "--onedir", str(program)), cwd=tmp_path, check=True, limit=1000)
+    robot = str(tmp_path / "dist/robot/robot")
+    assert processes.run((robot,), check=True).stdout == "3\n"
+    assert "ready" in processes.run((robot, "--board", "virtual://", "servos"), check=True).stdout
+
+
+FROZEN = """
+import sys
+from servolink import sync
+from servolink.__main__ import main
+
+if sys.argv[1:]:
+    sys.exit(main())
+with sync.connect("virtual://?servos=3") as board:
+    print(len(board.servos()))
+"""
+
+
 def test_the_demo_runs_where_nothing_but_the_wheel_is_installed(wheel: Path, tmp_path: Path) -> None:
-    venv.create(tmp_path / "empty", with_pip=True)
-    programs = tmp_path / "empty" / ("Scripts" if sys.platform == "win32" else "bin")
-    processes.run((str(programs / "python"), "-m", "pip", "install", "--quiet", str(wheel)), check=True)
+    programs = installed(tmp_path / "empty", str(wheel))
     demo = processes.run((str(programs / "servolink"), "demo", "--fast"), check=True, cwd=tmp_path)
     assert "All of it worked" in demo.stdout

@@ -14,12 +14,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, TypeVar
 
-from servolink.usbip.descriptors import FULL_SPEED
-from servolink.usbip.device import UsbDevice
-from servolink.usbip.usbip_server import Attachment, Use
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.serve import plugged
-from servolink.virtual.transport import BoardDriver
+from servolink.virtual import BoardDriver, VirtualBoard
+from tests.lab.usb_board import plugged
+from tests.lab.usbip.descriptors import FULL_SPEED
+from tests.lab.usbip.device import UsbDevice
+from tests.lab.usbip.usbip_server import Attachment, Use
 
 T = TypeVar("T")
 LIMIT = 30.0  # seconds after which something that must happen in this slow machine has failed

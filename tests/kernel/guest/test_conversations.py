@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator
 import pytest
 
 import servolink
-from servolink.protocol.records import Action, ActionEntry
-from servolink.virtual.board import VirtualBoard
+from servolink.protocol import Action, ActionEntry
+from servolink.virtual import VirtualBoard
 from tests.client.test_board import CHAPTERS
 from tests.kernel.guest.plug import Plug, board_use
 

@@ -8,12 +8,10 @@ from pathlib import Path
 import pytest
 
 import servolink
-from servolink.client.connect import connect
-from servolink.hub.hub import Hub
-from servolink.hub.serving import serve_board
-from servolink.protocol.codec import Codec
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
-from servolink.virtual.board import VirtualBoard
+from servolink.client import connect
+from servolink.hub import Hub, serve_board
+from servolink.protocol import Codec, QueryServoListRequest, QueryServoListResponse
+from servolink.virtual import VirtualBoard
 from tests.kernel.guest.plug import LIMIT, Plug, board_use
 
 pytestmark = pytest.mark.timeout(180)

@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 import servolink
-from servolink.project.transfer.results import Progress
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
+from servolink.project import Progress
+from servolink.virtual import BoardKind, VirtualBoard
 from tests.kernel.guest.plug import Plug, board_use
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, same
 

@@ -20,10 +20,10 @@ from typing import TypeAlias
 import pytest
 
 import servolink
-from servolink.protocol.settings import QueryMemorySizeRequest
-from servolink.usbip.device import Pipe
-from servolink.virtual.board import VirtualBoard
+from servolink.protocol import QueryMemorySizeRequest
+from servolink.virtual import VirtualBoard
 from tests.kernel.guest.plug import LIMIT, Plug, board_use, until
+from tests.lab.usbip.device import Pipe
 
 pytestmark = pytest.mark.timeout(180)
 RECORD_TYPES = pytest.mark.parametrize("kind", ["serial", "hid", "usb"])
@@ -169,8 +169,8 @@ def test_a_port_that_was_not_closed_comes_back_under_another_name(plug: Plug) ->
 
 @asynccontextmanager
 async def exported(port: int) -> AsyncIterator[None]:
-    """Run `servolink virtual --usbip`."""
-    command = [sys.executable, "-m", "servolink", "virtual", "--servos", "3", "--seed", "77"]
+    """Run the server of the lab."""
+    command = [sys.executable, "-m", "tests.lab.serve", "virtual://?servos=3", "--seed", "77"]
     program = await asyncio.create_subprocess_exec(*command, "--usbip", f"127.0.0.1:{port}", stdout=subprocess.PIPE)
     try:
         assert program.stdout is not None

@@ -8,15 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
 
-from servolink.transports.address import Address
-from servolink.transports.base import Transport
-from servolink.transports.device_info import PortIdentity
-from servolink.transports.hid import HidDevice
-from servolink.transports.hid_devices import load
-from servolink.transports.registry import create
-from servolink.usbip.descriptors import PACKET
-from servolink.usbip.device import Pipe, UsbDevice, reports, transfers
+from servolink.transports import Address, HidDevice, PortIdentity, Transport, create, load_hidapi
 from tests.kernel.guest.plug import Plug
+from tests.lab.usbip.descriptors import PACKET
+from tests.lab.usbip.device import Pipe, UsbDevice, reports, transfers
 from tests.transports.wires import Ear, Measuring, Wire
 
 _plugs: list[Plug] = []
@@ -103,7 +98,7 @@ class KernelHidWire(KernelWire):
     async def start(self) -> Transport:
         await super().start()
         url = self._plug.url("hid")
-        return Measuring(url, HidDevice(load(), url, PortIdentity.from_address(Address.parse(url))))
+        return Measuring(url, HidDevice(load_hidapi(), url, PortIdentity.from_address(Address.parse(url))))
 
     async def say(self, data: bytes) -> None:
         self._ear.lengths.append(len(data))
