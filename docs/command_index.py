@@ -14,7 +14,7 @@ from pkgutil import walk_packages
 from servolink import cli
 from servolink.cli.command import Command
 from servolink.cli.command_line import WHOLE, parser_of
-from servolink.cli.index import PATH, IndexEntry, declared
+from servolink.cli.index import TABLE, IndexEntry, declared
 
 _SEVERAL = {argparse.ZERO_OR_MORE, argparse.ONE_OR_MORE}
 
@@ -25,7 +25,7 @@ def entries() -> dict[str, IndexEntry]:
     for module in walk_packages(cli.__path__, "servolink.cli."):
         for command in declared(import_module(module.name)):
             found[command.name] = _entry(command, module.name.removeprefix("servolink.cli."))
-    known = list(json.loads(Path(PATH).read_bytes())) if Path(PATH).exists() else []
+    known = list(json.loads(Path(str(TABLE)).read_bytes())) if Path(str(TABLE)).exists() else []
     return dict(sorted(found.items(), key=lambda each: known.index(each[0]) if each[0] in known else len(known)))
 
 
@@ -55,4 +55,4 @@ def value_of(action: argparse.Action) -> str:
 
 
 if __name__ == "__main__":
-    Path(PATH).write_text(text(), encoding="ascii")
+    Path(str(TABLE)).write_text(text(), encoding="ascii")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import tomllib
-import typing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,16 +13,8 @@ sys.path.insert(0, str(ROOT))  # what is documented is what lies here, installed
 from sphinx.builders.html import StandaloneHTMLBuilder  # noqa: E402
 from sphinx.ext.napoleon.docstring import GoogleDocstring  # noqa: E402
 
-typing_names: dict[str, Any] = typing.__dict__
-typing_names["TYPE_CHECKING"] = True  # Sphinx evaluates signatures, also with what is imported for types only
-
 import servolink  # noqa: E402
-import servolink.client.connect  # noqa: E402
-import servolink.virtual.transport  # noqa: E402
-
-typing_names["TYPE_CHECKING"] = False
-
-from docs import command_pages  # noqa: E402
+from docs import command_pages, json_output  # noqa: E402
 from docs.accessible import accessible  # noqa: E402
 
 if TYPE_CHECKING:
@@ -73,8 +64,9 @@ def setup(app: Sphinx) -> None:
 
 
 def prepare(app: Sphinx) -> None:
-    """Write the pages of the commands, and let the template of all pages repair what the theme makes."""
+    """Write what is made from the commands, and let the template of all pages repair what the theme makes."""
     command_pages.write(command_pages.SITE, command_pages.site_pages())
+    json_output.write_schema()
     if isinstance(app.builder, StandaloneHTMLBuilder):
         app.builder.templates.environment.filters["accessible"] = accessible
 

@@ -19,12 +19,13 @@ from msgspec import inspect as types
 
 from servolink.control.error_codes import KINDS, REMEDIES, ErrorData, ErrorObject
 from servolink.control.greeting import VERSION, Greeting, Welcome
-from servolink.control.messages import CREDIT
 from servolink.control.notifications import NOTIFICATIONS
 from servolink.control.peer import MOST_BEGUN, MOST_WAITING, Method
 from servolink.hub import METHODS
+from servolink.hub.method_messages import CREDIT
 
 _FOLDER = Path(__file__).parent
+_OWN = ("servolink.control.", "servolink.hub.")
 PAGE = _FOLDER / "reference/control-interface.md"
 SCHEMA = _FOLDER / "reference/control-interface.schema.json"
 EXAMPLE = _FOLDER / "examples/control-interface/watch.mjs"
@@ -34,8 +35,9 @@ _INTRODUCTION = """\
 
 Programs in any language use [a shared board](../how-to/share-a-board.md) through JSON-RPC 2.0: to see who is connected,
 to move within the limits of the board, to watch servos and buttons, and to change what is stored. This page is made
-from the declarations in `servolink/control/`, as is the [JSON Schema](control-interface.schema.json) of all
-messages; [The hub](../design/hub.md#the-control-interface) says why it is built so.
+from the declarations in `servolink/control/` and `servolink/hub/`, as is the
+[JSON Schema](control-interface.schema.json) of all messages;
+[The hub](../design/hub.md#the-control-interface) says why it is built so.
 
 ## Connecting
 
@@ -70,6 +72,11 @@ for more, not what came of them. A stop of any program also ends what waits and 
 MotionRefused. A program that sends requests and does not read its responses is disconnected.
 
 A role includes those before it: watch, run, move, edit. The greeting asks for one.
+
+Each method says what it touches: *session* is the connection of the program, *motion* the servos, *board* the content
+and the settings of the board, *host* the computer of the hub. Pages that were opened through a link of the
+[studio](../how-to/classroom.md) touch nothing of the host. [From afar](fleet.md#commands), through a broker, come only
+the methods that say so.
 
 ## Notifications
 
@@ -123,6 +130,8 @@ def schema() -> dict[str, Any]:
             method.name: {
                 "description": method.summary,
                 "role": str(method.role),
+                "touches": method.scope.words.split(", ") if method.scope.touches else [],
+                "from_afar": method.scope.from_afar,
                 "params": of[id(method.params)],
                 "result": of[id(method.result)],
             }
@@ -184,13 +193,18 @@ def _first_sentence(text: str) -> str:
 
 
 def _method(method: Method[Any]) -> str:
-    lines = [f"### {method.name}", "", method.summary, "", f"Role: {method.role}.", ""]
+    lines = [f"### {method.name}", "", method.summary, "", _rights(method), ""]
     params: Any = types.type_info(method.params)
     if isinstance(params, types.UnionType):
         lines += [f"Params: {_text(params)}.", ""]
     elif params.fields:
         lines += [_table(method.params), ""]
     return "\n".join([*lines, f"Result: {_text(types.type_info(method.result))}.", ""])
+
+
+def _rights(method: Method[Any]) -> str:
+    afar = " Comes from afar too." if method.scope.from_afar else ""
+    return f"Role: {method.role}. Touches: {method.scope.words}.{afar}"
 
 
 def _types() -> list[type]:
@@ -206,7 +220,7 @@ def _types() -> list[type]:
                 inside = [inner.cls for inner in _structs(field.type)]
                 waiting += [cls for cls in inside if cls not in walked]
                 found |= {cls.__name__: cls for cls in inside if cls in used_once}
-            if struct.cls.__module__.startswith("servolink.control.") and struct.cls not in used_once:
+            if struct.cls.__module__.startswith(_OWN) and struct.cls not in used_once:
                 found[struct.cls.__name__] = struct.cls
     return [found[name] for name in sorted(found)]
 
@@ -293,7 +307,7 @@ def _text(info: Any) -> str:
         case types.DictType():
             return f"object of {_plural(info.value_type)}".removesuffix(" of anything")
         case types.StructType():
-            name, is_own = info.cls.__name__, info.cls.__module__.startswith("servolink.control.")
+            name, is_own = info.cls.__name__, info.cls.__module__.startswith(_OWN)
             return f"[{name}]({f'#{anchor_of(name)}' if is_own else 'project-file.md'})"
         case _:
             return _WORDS.get(type(info), "anything")

@@ -9,7 +9,7 @@ import inspect
 import re
 from pathlib import Path
 
-from servolink.virtual.odd.kinds import KINDS
+from tests.lab.odd.kinds import KINDS
 
 PAGE = Path(__file__).parent / "reference/odd-boards.md"
 
@@ -19,7 +19,7 @@ _TABLE = re.compile(r"(?s)(?<=<!-- kinds -->\n).*?(?=<!-- end -->)")
 def with_table(page: str) -> str:
     """Return the page with the table as the declarations are now."""
     rows = "".join(f"| `{name}` | {inspect.getdoc(kind)} | {kind.lesson} |\n" for name, kind in KINDS.items())
-    return _TABLE.sub(lambda _: f"| `--odd` | board | lesson |\n|---|---|---|\n{rows}", page)
+    return _TABLE.sub(lambda _: f"| kind | board | lesson |\n|---|---|---|\n{rows}", page)
 
 
 if __name__ == "__main__":

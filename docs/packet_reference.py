@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import inspect
+import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from msgspec import Meta, Struct
 
-from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.codec import PACKETS
-from servolink.protocol.layout import layout
+from servolink.protocol.layouts import layout
 from servolink.protocol.packet import Counted, Effect, FieldFormat, Packet, Query, Response
 from servolink.protocol.servos import SetServoParameterRequest
 
 PAGE = Path(__file__).parent / "reference/packets.md"
 
-_CHAPTERS = {"3.1": settings, "3.2": servos, "3.3": editing, "3.4": joystick}
+_CHAPTERS = ("3.1", "3.2", "3.3", "3.4")
 _TYPES = {"B": "u8", "H": "u16", "I": "u32", "h": "i16", "i": "i32", "32s": "caption"}
 _INTRODUCTION = """\
 # Packet reference
@@ -32,15 +31,16 @@ is 32 bytes of text. The ranges are those that servolink sends; what a board sen
 def packet_reference() -> str:
     """Return the page, in MyST Markdown."""
     parts = [_INTRODUCTION]
-    for section, chapter in _CHAPTERS.items():
-        parts.append(f"## {section} {_title(chapter)}\n")
-        parts += [_packet(declared) for _, declared in sorted(PACKETS.items()) if declared.section.startswith(section)]
+    for section in _CHAPTERS:
+        chapter = [declared for _, declared in sorted(PACKETS.items()) if declared.section.startswith(section)]
+        parts.append(f"## {section} {_title(chapter[0])}\n")
+        parts += map(_packet, chapter)
     return "\n".join(parts)
 
 
-def _title(chapter: ModuleType) -> str:
+def _title(declared: type[Packet]) -> str:
     """Return the chapter's name: "Settings (document, 3.1): transmission mode, ..." is about settings."""
-    return (chapter.__doc__ or "").partition(" (")[0]
+    return (sys.modules[declared.__module__].__doc__ or "").partition(" (")[0]
 
 
 def _packet(declared: type[Packet]) -> str:
