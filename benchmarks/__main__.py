@@ -12,15 +12,17 @@ import sys
 from pathlib import Path
 from time import monotonic
 
-from benchmarks import BENCHMARKS, limits, report
+from benchmarks import BENCHMARKS, CAMPAIGNS, limits, report
 from benchmarks.goals import missed, sentence
 from benchmarks.measuring import Result, machine, pin
+
+_MODULES = {name: benchmark.module for name, benchmark in BENCHMARKS.items()} | CAMPAIGNS
 
 
 def main() -> int:
     """Run the benchmarks that were named, or all."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(BENCHMARKS))
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(_MODULES))
     parser.add_argument(
         "--short", action="store_true", help="less exact; without names, what takes half a minute in all"
     )
@@ -34,8 +36,8 @@ def main() -> int:
         "--report", action="store_true", help="make docs/benchmarks.md and docs/limits.md from benchmarks/figures/"
     )
     args = parser.parse_args()
-    if unknown := set(args.names) - set(BENCHMARKS):
-        parser.error(f"no benchmark is named {', '.join(sorted(unknown))}; there are {', '.join(BENCHMARKS)}")
+    if unknown := set(args.names) - _MODULES.keys():
+        parser.error(f"no benchmark is named {', '.join(sorted(unknown))}; there are {', '.join(_MODULES)}")
     if args.short and args.publish:
         parser.error("--publish wants exact figures: leave out --short")
     results: Result = {"machine": machine()}
@@ -53,17 +55,14 @@ def main() -> int:
 
 def _chosen(*, short: bool, publish: bool) -> list[str]:
     """Return the benchmarks to run when none is named."""
-    return [
-        name
-        for name, (_, _, is_short, is_campaign) in BENCHMARKS.items()
-        if not (short and not is_short) and not (publish and is_campaign)
-    ]
+    names = [name for name, benchmark in BENCHMARKS.items() if benchmark.is_short or not short]
+    return names if publish else [*names, *CAMPAIGNS]
 
 
 def _run(name: str, *, short: bool) -> Result:
     began = monotonic()
     pin()  # before each: one that needs more cores sets them for itself
-    result: Result = importlib.import_module(BENCHMARKS[name].module).run(short=short)
+    result: Result = importlib.import_module(_MODULES[name]).run(short=short)
     print(f"\n{name}: {monotonic() - began:.0f} s", flush=True)
     return result
 

@@ -24,8 +24,8 @@ from servolink.protocol.settings import (
     TransmissionModeSettingResponse,
 )
 
-SERVO_IDS = (1, 2, 3, 4)
-SERVOS = tuple(ServoState(at, 90 - at, 120, 400 + at, 1, 1, 1) for at in range(16))
+SERVO_IDS = tuple(range(16))
+SERVOS = tuple(ServoState(at, 90 - at, 120, 400 + at, 1, 1, 1) for at in SERVO_IDS)
 
 _RESPONSES: tuple[Response, ...] = (
     TransmissionModeSettingResponse(1),
@@ -48,5 +48,7 @@ def answers() -> dict[int, bytes]:
 
 def exchange(size: int) -> tuple[Query[Any], bytes]:
     """Return a query and the frame of its response, which has `size` bytes, 14 or 186."""
-    query: Query[Any] = QueryServoListRequest() if size == 14 else QueryServoRequest(ALL_SERVOS)
+    if size == 14:
+        return QueryServoListRequest(), Codec().encode(QueryServoListResponse(SERVO_IDS[:4]))
+    query = QueryServoRequest(ALL_SERVOS)
     return query, answers()[query.packet_id]

@@ -63,64 +63,19 @@ def _peers(tables: list[Table]) -> Iterator[Chart]:
         _column(found, "parser"),
         {"found": _column(found, "both")},
     )
-    mixed = _table(tables, "How many times faster ours is on streams of many kinds")
-    sizes = ["64", "one frame", "4096"]
-    yield Chart(
-        "parser-mixed",
-        "How many times as fast as other parsers, on a stream of mixed frames",
-        "times as fast by bytes in a chunk, 14 and 186 bytes in turns; servolink is faster above the line",
-        sizes,
-        {row[0]: _alike(mixed, row, sizes) for row in mixed["rows"] if row[1] == "both in turns" and row[0] in _LINES},
-        is_log=True,
-        is_line=True,
-        goal=1,
-    )
 
 
-def _alike(mixed: Table, row: list[str], sizes: list[str]) -> list[str]:
-    """Return the cells of a row: with objects where the other parser makes some too."""
-    typed = [row[mixed["columns"].index(f"typed, {size}")] for size in sizes]
-    return typed if "-" not in typed else [row[mixed["columns"].index(size)] for size in sizes]
-
-
-_SHORT_FRAMES = {"13", "14", "21", "32"}
-_LINES = {"textbook parser", "aioesphomeapi", "cobs", "pymodbus, socket", "pymavlink", "zigpy-znp"}
-
-
-def _hostile(tables: list[Table]) -> Iterator[Chart]:
-    streams = _table(tables, "Hostile streams")
-    yield Chart(
-        "hostile",
-        "Cost of streams made to be expensive",
-        "ns per byte, for two lengths; the limit is 1,000",
-        _column(streams, "stream"),
-        {name: _column(streams, name) for name in ("128 KB", "512 KB")},
-        goal=1000,
-    )
-
-
-def _reliability(tables: list[Table]) -> Iterator[Chart]:
-    stalls = _table(tables, "responses that arrived before")
-    yield Chart(
-        "stalls",
-        "Responses lost because the event loop was busy when they arrived",
-        "% of the responses that arrived before their deadline",
-        [f"Python {row[0].rpartition('.')[0]}, {row[1].partition(',')[0]}" for row in stalls["rows"]],
-        {name: _column(stalls, name) for name in ("asyncio.wait_for", "asyncio.timeout", "servolink")},
-    )
+_SHORT_FRAMES = {"13", "14", "21"}
 
 
 def _roundtrip(tables: list[Table]) -> Iterator[Chart]:
     short = _table(tables, "request and response of 14 bytes")
-    rows = {(row[0], row[1]): row for row in short["rows"]}
-    clients = list(dict.fromkeys(name for name, loop in rows if loop))
-    over = short["columns"].index("over epoll")
     yield Chart(
         "round-trip",
         "What a client adds to a round trip of 14 bytes",
         "µs more than os.write, epoll and os.read; shorter is better",
-        clients,
-        {loop: [rows[client, loop][over] for client in clients] for loop in ("asyncio", "uvloop")},
+        _column(short, "client")[2:],
+        {"over epoll": _column(short, "over epoll")[2:]},
     )
 
 
@@ -132,20 +87,6 @@ def _start(tables: list[Table]) -> Iterator[Chart]:
         "ms",
         _column(times, "what"),
         {"time": _column(times, "time")},
-    )
-
-
-def _scale(tables: list[Table]) -> Iterator[Chart]:
-    polled = _table(tables, "state of 16 servos")
-    counts = list(dict.fromkeys(_column(polled, "count")))
-    cpu = polled["columns"].index("CPU of a core")
-    yield Chart(
-        "scale",
-        "Many boards in one program, each asked 50 times a second",
-        "% of a core, by number of boards; nothing: the timers alone",
-        counts,
-        {kind: [row[cpu] for row in polled["rows"] if row[0] == kind] for kind in ("nothing", "virtual://", "tcp://")},
-        is_line=True,
     )
 
 
@@ -167,27 +108,9 @@ def _wire(tables: list[Table]) -> Iterator[Chart]:
     )
 
 
-def _crowd(tables: list[Table]) -> Iterator[Chart]:
-    costs = _table(tables, "Callers at once")
-    counts = costs["columns"][2:-1]
-    yield Chart(
-        "crowd",
-        "What a request costs where many wait",
-        "µs of CPU of each request, by number of callers; one query",
-        counts,
-        {
-            f"depth {row[1]}" if row[0] == "one query" else "asyncio alone": row[2:-1]
-            for row in costs["rows"]
-            if row[0] == "one query" or (row[0], row[1]) == ("asyncio alone", "1")
-        },
-        is_log=True,
-        is_line=True,
-    )
-
-
 def _pipelined(tables: list[Table]) -> Iterator[Chart]:
     rates = _table(tables, "responses of 186 bytes")
-    cells = {(f"{row[0]}, {row[1]}".rstrip(", "), row[2]): row[3] for row in rates["rows"]}
+    cells = {(row[0], row[1]): row[2] for row in rates["rows"]}
     clients = list(dict.fromkeys(client for client, _ in cells))
     yield Chart(
         "pipelined",
@@ -202,12 +125,8 @@ _CHARTS: dict[str, Callable[[list[Table]], Iterator[Chart]]] = {
     "wire": _wire,
     "roundtrip": _roundtrip,
     "pipelined": _pipelined,
-    "crowd": _crowd,
     "start": _start,
-    "scale": _scale,
     "peers": _peers,
-    "hostile": _hostile,
-    "reliability": _reliability,
 }
 
 

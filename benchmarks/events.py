@@ -7,7 +7,7 @@ from time import process_time_ns
 
 from benchmarks.instant import InstantTransport
 from benchmarks.measuring import Result, table
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.protocol.codec import Codec
 from servolink.protocol.joystick import ButtonEventResponse
 

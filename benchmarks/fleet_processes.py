@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import resource
 import shutil
@@ -81,22 +80,6 @@ class Process:
         return int(Path(f"/proc/{self.pid}/statm").read_text(encoding="ascii").split()[1]) * _PAGE / 1e6
 
 
-@dataclass
-class Worker:
-    """A process with boards."""
-
-    process: subprocess.Popen[str]
-    boards: int
-
-    def used(self) -> dict[str, float]:
-        """Return the CPU seconds and the bytes of memory that it has used."""
-        stdin, stdout = pipes(self.process)
-        stdin.write("\n")
-        stdin.flush()
-        found: dict[str, float] = json.loads(stdout.readline())
-        return found
-
-
 def pipes(process: subprocess.Popen[str]) -> tuple[IO[str], IO[str]]:
     """Return the input and the output of a process of `started`."""
     assert process.stdin is not None  # noqa: S101 - they are pipes
@@ -105,17 +88,17 @@ def pipes(process: subprocess.Popen[str]) -> tuple[IO[str], IO[str]]:
 
 
 @contextmanager
-def workers(url: str, count: int, hz: float) -> Iterator[list[Worker]]:
-    """Run `count` boards in several processes; yield the processes, when all boards have joined."""
+def workers(url: str, count: int, hz: float) -> Iterator[None]:
+    """Run `count` boards in several processes; yield when all boards have joined."""
     with ExitStack() as stack:
         found = []
         for first in range(0, count, PER_PROCESS):
             size = min(PER_PROCESS, count - first)
             arguments = ("benchmarks.fleet_worker", "boards", url, str(first), str(size), str(hz))
-            found.append(Worker(stack.enter_context(started(*arguments)), size))
-        for worker in found:
-            until_ready(worker.process)
-        yield found
+            found.append(stack.enter_context(started(*arguments)))
+        for process in found:
+            until_ready(process)
+        yield
 
 
 @contextmanager

@@ -1,38 +1,32 @@
 """A process of the benchmark of the fleet: virtual boards that join a broker, or a bare program that echoes messages.
 
 `python -m benchmarks.fleet_worker boards URL FIRST COUNT HZ` and `python -m benchmarks.fleet_worker echo URL`. It
-prints `ready`; then each line that it reads is answered by CPU seconds and memory, and the end of its input ends it.
+prints `ready`, and the end of its input ends it.
 """
 
 from __future__ import annotations
 
 import asyncio
 import gc
-import json
-import resource
 import socket
 import sys
 import threading
 from collections.abc import Callable
 from contextlib import AsyncExitStack, suppress
-from pathlib import Path
-from time import process_time
 from typing import Any
 
 from paho.mqtt import client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
-from servolink.fleet.access import BrokerAddress, parse_broker
+from servolink.fleet.access import BrokerAccess, BrokerAddress, parse_broker
 
 ECHO = "bare/cmd"
 MACRO = "Wave"
 _SERVOS = 16
-_PAGE = resource.getpagesize()
 
 
 async def _boards(url: str, first: int, count: int, hz: float) -> None:
-    from servolink.client.connect import connect
-    from servolink.fleet.access import broker_access
+    from servolink.client.connecting import connect
     from servolink.fleet.join import LocalBoard, LocalFleet
     from servolink.fleet.policy import BoardPolicy, FleetFile
     from servolink.fleet.topics import Topics
@@ -52,15 +46,15 @@ async def _boards(url: str, first: int, count: int, hz: float) -> None:
                 await board.add_macro(wave)
             here.append(LocalBoard(name, name))
         policies = FleetFile(BoardPolicy(allow="edit"))
-        fleet = LocalFleet(broker_access(url), Topics(), policies, hz=hz)
+        fleet = LocalFleet(BrokerAccess.of(url), Topics(), policies, hz=hz)
 
         def ready() -> None:
             gc.freeze()  # as `servolink fleet join` does
             _say("ready")
 
         joined = asyncio.create_task(fleet.join(here, ready))
-        answering = asyncio.create_task(_answer())
-        await asyncio.wait((joined, answering), return_when=asyncio.FIRST_COMPLETED)
+        ending = asyncio.create_task(asyncio.to_thread(sys.stdin.read))
+        await asyncio.wait((joined, ending), return_when=asyncio.FIRST_COMPLETED)
         joined.cancel()
         with suppress(asyncio.CancelledError):
             await joined
@@ -96,15 +90,8 @@ async def _echo(url: str) -> None:
 
     bare = BareClient(parse_broker(url), ECHO, echo)
     _say("ready")
-    await _answer()
+    await asyncio.to_thread(sys.stdin.read)
     bare.close()
-
-
-async def _answer() -> None:
-    """Print CPU seconds and bytes of memory for each line that is read, until the input ends."""
-    while await asyncio.to_thread(sys.stdin.readline):
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])  # noqa: ASYNC240 - no disk
-        _say(json.dumps({"cpu": process_time(), "memory": pages * _PAGE}))
 
 
 def _say(text: str) -> None:

@@ -1,4 +1,4 @@
-"""A board shared by a hub, beside the same board without one: what the hub adds, and who waits for whom."""
+"""A board shared by a hub, beside a relay of ten lines and no hub: what the hub adds, and who waits for whom."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from benchmarks.measuring import CORES, Result, Table, table
 from benchmarks.neighbours import Neighbours
 from benchmarks.responder import Responder, language
 from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest, QueryActionResponse
 from servolink.protocol.records import Step
@@ -30,15 +30,14 @@ from servolink.protocol.records import Step
 PROGRAMS = (1, 8, 32)
 BOARDS = {"at once": 0.0, "after 1 ms, as over USB": 0.001}
 """When a board responds, with the seconds."""
-ADDED = 0.2
-"""Milliseconds that the hub may add to the median of one program."""
-SHARE = 0.6
-"""Of the requests per second without a hub."""
+ADDED = 0.15
+"""Milliseconds that the hub may add to the median of one program, on a board that responds after 1 ms."""
+SHARE = 0.9
+"""Of the requests per second through a relay of ten lines, on a board that responds at once."""
+WITHOUT, RELAY, _ = WAYS = ("without", "through a relay", "through the hub")
 MOST_WAITED = 33
 """Exchanges that one program may wait for while 31 others flood, 99 times in 100."""
 WATCHERS, HZ = 100, 50
-_POLLS = 1.1
-"""Polls per second over those that one watcher wants."""
 _STEPS = tuple(Step(at % 16 + 1, 90 - at, 20) for at in range(18))
 
 
@@ -48,7 +47,7 @@ class _Case:
 
     board: str
     programs: int
-    shared: bool
+    way: str
     rate: list[float] = field(default_factory=list)
     """Requests per second, of each round."""
     p50: list[float] = field(default_factory=list)
@@ -79,7 +78,7 @@ async def _ask(board: Board, record_id: int, times: int, took: list[int]) -> Non
 
 
 def run(*, short: bool) -> Result:
-    """Measure both ways in turns, for each number of programs; then floods and watchers."""
+    """Measure all ways in turns, for each number of programs; then floods and watchers."""
     rounds, times = (1, 100) if short else (15, 1600)
     neighbours = Neighbours()
     cases = [case for board in BOARDS for case in asyncio.run(_measure(board, rounds, times))]
@@ -87,9 +86,9 @@ def run(*, short: bool) -> Result:
     watchers = asyncio.run(watch(WATCHERS if not short else 10, HZ, 1.0 if short else 10.0))
     return {
         "tables": [_table(cases, neighbours.note()), _waits_table(waits), _watchers_table(watchers)],
-        "goals": [*_goals(cases), *_crowd_goals(waits, watchers)],
+        "goals": [*_goals(cases), *_crowd_goals(waits)],
         "cases": [
-            {"board": case.board, "programs": case.programs, "shared": case.shared}
+            {"board": case.board, "programs": case.programs, "way": case.way}
             | {"rate": case.rate, "p50": case.p50, "p99": case.p99}
             for case in cases
         ],
@@ -97,33 +96,40 @@ def run(*, short: bool) -> Result:
 
 
 async def _measure(board: str, rounds: int, times: int) -> list[_Case]:
-    cases = [_Case(board, programs, shared) for programs in PROGRAMS for shared in (False, True)]
+    cases = [_Case(board, programs, way) for programs in PROGRAMS for way in WAYS]
     here = os.sched_getaffinity(0) if CORES else set[int]()
     async with AsyncExitStack() as stack:
-        direct, behind = (Responder(_answers(), BOARDS[board]) for _ in range(2))
-        stack.callback(direct.close)
-        stack.callback(behind.close)
-        alone = await stack.enter_async_context(connect(direct.path))
-        url = stack.enter_context(_hub(behind.path))
-        shared = [await stack.enter_async_context(connect(url)) for _ in range(max(PROGRAMS))]
+        boards: dict[str, list[Board]] = {}
+        for way in WAYS:
+            responder = Responder(_answers(), BOARDS[board])
+            stack.callback(responder.close)
+            url = responder.path if way == WITHOUT else stack.enter_context(_served(responder.path, way))
+            connections = 1 if way == WITHOUT else max(PROGRAMS)
+            boards[way] = [await stack.enter_async_context(connect(url)) for _ in range(connections)]
         for case in cases:  # not counted
-            boards = shared[: case.programs] if case.shared else [alone]
-            await _Case(board, case.programs, case.shared).measure(boards, times)
+            await _Case(board, case.programs, case.way).measure(boards[case.way], times)
         for at in range(rounds):
             for case in cases if at % 2 else reversed(cases):
-                if CORES:  # the hub has the core on which the program without one is
-                    os.sched_setaffinity(0, {CORES[0]} if case.shared else here)
-                await case.measure(shared[: case.programs] if case.shared else [alone], times)
+                if CORES:  # hub and relay have the core on which the program without one is
+                    os.sched_setaffinity(0, here if case.way == WITHOUT else {CORES[0]})
+                await case.measure(boards[case.way], times)
         if CORES:
             os.sched_setaffinity(0, here)
     return cases
 
 
 @contextmanager
-def _hub(path: str) -> Iterator[str]:
-    """Run a hub in a process of its own; yield the address of its TCP door."""
+def _served(path: str, way: str) -> Iterator[str]:
+    """Run a hub or a relay in a process of its own; yield the address of its TCP door."""
     with tempfile.TemporaryDirectory(prefix="servolink-hub-") as folder:
-        command = [sys.executable, "-m", "benchmarks.hub_worker", path, str(CORES[-1]) if CORES else ""]
+        command = [
+            sys.executable,
+            "-m",
+            "benchmarks.hub_worker",
+            path,
+            str(CORES[-1]) if CORES else "",
+            *(["relay"] if way == RELAY else []),
+        ]
         process = subprocess.Popen(  # noqa: S603 - our own program
             command,
             stdin=subprocess.PIPE,
@@ -144,37 +150,36 @@ def _answers() -> dict[int, bytes]:
     return answers() | {QueryActionRequest.packet_id: Codec().encode(QueryActionResponse(0, "wave", _STEPS))}
 
 
-def _pairs(cases: list[_Case]) -> Iterator[tuple[_Case, _Case]]:
-    """Yield each case without a hub and the same with one."""
-    return zip(cases[::2], cases[1::2], strict=True)
+def _triples(cases: list[_Case]) -> Iterator[tuple[_Case, _Case, _Case]]:
+    """Yield each case without a hub, with a relay, and with a hub."""
+    return zip(cases[::3], cases[1::3], cases[2::3], strict=True)
 
 
-def _share(direct: _Case, through: _Case) -> float:
-    """Return the rate through the hub as a share of that without, round by round."""
-    return median(one / other for one, other in zip(through.rate, direct.rate, strict=True))
+def _share(case: _Case, of: _Case) -> float:
+    """Return the rate as a share of that of another way, round by round."""
+    return median(one / other for one, other in zip(case.rate, of.rate, strict=True))
 
 
-def _added(direct: _Case, through: _Case) -> float:
-    """Return the milliseconds that the hub adds to the median, round by round."""
-    return median(one - other for one, other in zip(through.p50, direct.p50, strict=True))
+def _added(case: _Case, to: _Case) -> float:
+    """Return the milliseconds that a way adds to the median of another, round by round."""
+    return median(one - other for one, other in zip(case.p50, to.p50, strict=True))
 
 
 def _goals(cases: list[_Case]) -> Iterator[Goal]:
-    for direct, through in _pairs(cases):
+    for direct, relay, hub in _triples(cases):
         where = f"board that responds {direct.board}, programs: {direct.programs}"
-        if direct.programs == 1:
+        if BOARDS[direct.board] and direct.programs == 1:
             yield at_most(
-                f"what the hub adds to the median over TCP; {where}", _added(direct, through), ADDED, "{:+.2f} ms"
+                f"what the hub adds to the median over TCP; {where}", _added(hub, direct), ADDED, "{:+.2f} ms"
             )
-        name = f"requests per second through the hub over those without it; {where}"
-        yield at_least(name, 100 * _share(direct, through), 100 * SHARE, "{:.0f} %")
+        elif not BOARDS[direct.board] and direct.programs in {PROGRAMS[0], PROGRAMS[-1]}:
+            name = f"requests per second through the hub over those through a relay of ten lines; {where}"
+            yield at_least(name, 100 * _share(hub, relay), 100 * SHARE, "{:.0f} %")
 
 
-def _crowd_goals(waits: Waits, watchers: Watchers) -> Iterator[Goal]:
+def _crowd_goals(waits: Waits) -> Iterator[Goal]:
     name = f"exchanges that a program waits for beside {waits.flooding} that flood, 99 times in 100"
     yield at_most(name, waits.percentile(99), MOST_WAITED, "{:.0f}")
-    name = f"polls per second for {watchers.count} that watch at {watchers.hz:g} Hz"
-    yield at_most(name, watchers.polls_per_second, watchers.hz * _POLLS, "{:.1f}")
 
 
 def _table(cases: list[_Case], others: str) -> Table:
@@ -182,10 +187,11 @@ def _table(cases: list[_Case], others: str) -> Table:
     return table(
         f"A board with and without a hub: responses of {size} bytes, one request at a time",
         ("board responds", "programs", "", "requests/s", "of those without", "p50, ms", "p99, ms", "added to p50, ms"),
-        [row for pair in _pairs(cases) for row in _rows(*pair)],
+        [row for triple in _triples(cases) for row in _rows(*triple)],
         [
             f"The board is a program in {language()} at a pseudo-terminal. Each program asks for a record of its own.",
             "Without a hub the programs are tasks of one process. With it they are TCP connections of one process.",
+            "The relay is ten lines of asyncio: one request after the other, and each response to its program.",
             "The hub is on the core of the programs without it, and those with it are on the core of the board.",
             "Times are wall-clock times.",
             others,
@@ -193,14 +199,11 @@ def _table(cases: list[_Case], others: str) -> Table:
     )
 
 
-def _rows(direct: _Case, through: _Case) -> Iterator[tuple[object, ...]]:
-    for case, share, added in (
-        (direct, "", ""),
-        (through, f"{_share(direct, through):.0%}", f"{_added(direct, through):+.2f}"),
-    ):
-        way = "through the hub" if case.shared else "without"
+def _rows(direct: _Case, *others: _Case) -> Iterator[tuple[object, ...]]:
+    for case in (direct, *others):
+        compared = ("", "") if case is direct else (f"{_share(case, direct):.0%}", f"{_added(case, direct):+.2f}")
         figures = f"{median(case.p50):.2f}", f"{median(case.p99):.2f}"
-        yield case.board, case.programs, way, f"{median(case.rate):,.0f}", share, *figures, added
+        yield case.board, case.programs, case.way, f"{median(case.rate):,.0f}", compared[0], *figures, compared[1]
 
 
 def _waits_table(waits: Waits) -> Table:

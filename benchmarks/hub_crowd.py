@@ -8,7 +8,7 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from time import process_time
 
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.control.greeting import Greeting
 from servolink.hub.hub import Hub, share
 from servolink.hub.methods.control_session import ControlInterface

@@ -7,8 +7,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from benchmarks.reliability.line import LINES
 from benchmarks.report import FIGURES, ROOT
+from tests.proofs.reliability.line import LINES
 
 PAGE = ROOT / "docs/limits.md"
 _WORDS = ROOT / "benchmarks/limits.md"

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from statistics import median
 from time import process_time_ns
@@ -133,3 +134,12 @@ def right_aligned(quote: Table) -> list[bool]:
         all(row[at].lstrip("<=-+ ")[:1].isdigit() for row in quote["rows"] if row[at] not in {"", "-"})
         for at in range(len(quote["columns"]))
     ]
+
+
+def installed(package: str, versions: dict[str, str]) -> bool:
+    """Note the version of `package`; False if it is not installed."""
+    try:
+        versions[package] = version(package)
+    except PackageNotFoundError:
+        return False
+    return True

@@ -1,6 +1,6 @@
-"""The 60 packets as other tools declare them: dataclasses with `struct`, construct, bitstruct.
+"""The 60 packets as other tools declare them: dataclasses with `struct`, and construct.
 
-All from the same declarations, in big-endian byte order, because bitstruct's half in C knows no other.
+Both are made from the same declarations, in big-endian byte order.
 """
 
 from __future__ import annotations
@@ -194,84 +194,6 @@ class Construct(PacketCodec):
             members.append(shape.tail / construct.GreedyBytes)
         compiled = construct.Struct(*members).compile()
         return compiled.parse, compiled.build
-
-
-class Bitstruct(PacketCodec):
-    """Its formats with names, which make dictionaries."""
-
-    name = package = "bitstruct"
-    module: ClassVar[str] = "bitstruct"
-
-    def _codec(self, shape: Shape) -> tuple[_Decode, _Encode] | None:
-        head, head_size = self._bits(shape.fields)
-        if shape.count:
-            return self._group(shape, head, head_size)
-        if not shape.fields:
-            return None
-        if not shape.fields[-1].optional:
-            return head.unpack, head.pack
-        short, _ = self._bits(shape.fields[:-1])
-        return (
-            lambda content: (head if len(content) == head_size else short).unpack(content),
-            lambda packet: (head if len(packet) == len(shape.fields) else short).pack(packet),
-        )
-
-    def _group(self, shape: Shape, head: Any, head_size: int) -> tuple[_Decode, _Encode]:
-        (item, size), named = self._bits(list(shape.items)), bool(shape.items[0].name)
-        captions, item_captions = _captions(shape.fields), _captions(list(shape.items))
-        count = Struct(">" + shape.count)
-        begin, tail = head_size + count.size, shape.tail
-
-        def decode(content: bytes) -> Any:
-            packet = head.unpack(content) if head_size else {}
-            for name in captions:
-                packet[name] = _text(packet[name])
-            (many,) = count.unpack_from(content, head_size)
-            if len(content) != begin + many * size:
-                raise ValueError("the count is wrong")
-            records = []
-            for at in range(begin, len(content), size):
-                record = item.unpack(content[at : at + size])  # unpack_from with names fails in bitstruct 8.24
-                for name in item_captions:
-                    record[name] = _text(record[name])
-                records.append(record if named else record[""])
-            packet[tail] = records
-            return packet
-
-        def encode(packet: Any) -> bytes:
-            parts = [_pack(item, record if named else {"": record}, item_captions) for record in packet[tail]]
-            fields = _pack(head, packet, captions) if head_size else b""
-            return fields + count.pack(len(packet[tail])) + b"".join(parts)
-
-        return decode, encode
-
-    def _bits(self, values: list[Value]) -> tuple[Any, int]:
-        """Return the compiled format, and its size in bytes."""
-        sizes = [Struct(">" + field.code).size for field in values]
-        kinds = ["r" if field.is_caption else "u" if field.code.isupper() else "s" for field in values]
-        text = "".join(f"{kind}{8 * size}" for kind, size in zip(kinds, sizes, strict=True))
-        names = [field.name for field in values]
-        return import_module(self.module).compile(text, names) if values else None, sum(sizes)
-
-
-class BitstructInC(Bitstruct):
-    """The same in C."""
-
-    name = "bitstruct in C"
-    module = "bitstruct.c"
-
-
-def _captions(values: list[Value]) -> list[str]:
-    return [field.name for field in values if field.is_caption]
-
-
-def _pack(compiled: Any, fields: dict[str, Any], captions: list[str]) -> bytes:
-    if captions:
-        fields = dict(fields)
-        for name in captions:
-            fields[name] = fields[name].encode().ljust(CAPTION_SIZE, b"\0")
-    packed: bytes = compiled.pack(fields)
-    return packed
 
 
 def plain(packet: Any) -> Any:

@@ -8,10 +8,10 @@ from importlib.metadata import version
 from statistics import median
 from struct import Struct
 
-from benchmarks.goals import Goal, at_least, at_most
+from benchmarks.goals import Goal, at_least
 from benchmarks.measuring import Comparison, Result, Table, compare, in_turns, table, timed
-from benchmarks.packet_codecs import Bitstruct, BitstructInC, Construct, Dataclasses, PacketCodec, plain
-from benchmarks.samples import RECORDS, samples
+from benchmarks.packet_codecs import Construct, Dataclasses, PacketCodec, plain
+from benchmarks.samples import samples
 from benchmarks.streams import TYPICAL, chunks
 from benchmarks.textbook import TextbookParser
 from servolink.protocol.codec import Codec
@@ -21,9 +21,7 @@ from servolink.protocol.parser import FrameParser
 
 RECORDS_OF = {14: (0, Struct(">IB")), 186: (1, Struct(">BhhhhBB")), 3611: (2, Struct(">i32s"))}
 """By frame size: where the records begin in the content, and what they are."""
-BOARDS, HZ, SHARE = 100, 50, 1.0
-"""The states of 16 servos of so many boards, so often a second, may take that many percent of a core to decode."""
-_PEERS: tuple[type[PacketCodec], ...] = (Dataclasses, Construct, Bitstruct, BitstructInC)
+_PEERS: tuple[type[PacketCodec], ...] = (Dataclasses, Construct)
 
 
 @dataclass(frozen=True)
@@ -62,10 +60,10 @@ def run(*, short: bool) -> Result:
     return {
         "versions": {peer.package: version(peer.package) for peer in peers if peer.package},
         "missing": missing,
-        "tables": [_typical_table(typical), _summary(ways), _each(ways, "decoded"), _each(ways, "encoded")],
+        "tables": [_typical_table(typical), _summary(ways)],
         "typical": typical,
         "wrong": wrong,
-        "goals": [_share_of_a_core(typical), *_beside_tools(ways)],
+        "goals": [*_beside_tools(ways)],
     }
 
 
@@ -219,43 +217,14 @@ def _summary(ways: list[Way]) -> Table:
         rows,
         [
             "Dataclasses: frozen, with slots, from `struct` formats that are compiled once. construct: compiled.",
-            (
-                "bitstruct: its half in Python; the one in C knows big-endian only and is here to show what pure "
-                "Python can be compared with. Both have nothing to do for packets without numbers."
-            ),
             "servolink checks what it encodes: type and range of each value, and each caption.",
         ],
     )
 
 
-def _each(ways: list[Way], way: str) -> Table:
-    peers = list(dict.fromkeys(each.peer for each in ways))
-    of_packet: dict[str, dict[str, Way]] = {}
-    for each in ways:
-        if each.way == way:
-            of_packet.setdefault(each.packet, {})[each.peer] = each
-    rows = []
-    for packet, measured in of_packet.items():
-        ours = measured[peers[0]]
-        times = [f"{measured[peer].times.ratio:.2f}x" if peer in measured else "-" for peer in peers]
-        rows.append((packet, ours.content, f"{ours.times.ours:,.0f}", *times))
-    return table(
-        f"Each packet {way}: ns, and how many times as long others take",
-        ("packet", "content bytes", "ns", *peers),
-        rows,
-        [f"Groups of {RECORDS}, in big-endian byte order."],
-    )
-
-
-def _share_of_a_core(typical: list[Result]) -> Goal:
-    seconds = next(case["ours"] / case["frames"] for case in typical if case["frame"] == 186) / 1e9
-    name = f"states of 16 servos decoded, of {BOARDS} boards, {HZ} times a second"
-    return at_most(name, 100 * seconds * BOARDS * HZ, SHARE, "{:.2f} % of a core")
-
-
 def _beside_tools(ways: list[Way]) -> Iterator[Goal]:
     for way in ("decoded", "encoded"):
-        for peer in dict.fromkeys(each.peer for each in ways if each.peer != BitstructInC.name):
+        for peer in dict.fromkeys(each.peer for each in ways):
             both = [each for each in ways if (each.peer, each.way) == (peer, way)]
             slower = [each for each in both if each.times.ratio < 1]
             names = ", ".join(each.packet for each in slower[:3]) + (", ..." if len(slower) > 3 else "")

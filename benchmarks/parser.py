@@ -1,4 +1,4 @@
-"""The parser against the textbook's, by frame size and chunk size, on streams of one kind, of many, and damaged."""
+"""The parser against the textbook's, by frame size and chunk size, on clean and damaged streams."""
 
 from __future__ import annotations
 
@@ -6,25 +6,17 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from typing import Any
 
-from benchmarks.goals import Goal, at_least, at_most
+from benchmarks.goals import Goal, at_least
 from benchmarks.measuring import Result, compare, table
-from benchmarks.streams import MIXES, TYPICAL, chunks, dirty, mixed
+from benchmarks.streams import TYPICAL, chunks, dirty
 from benchmarks.textbook import TextbookParser
 from servolink.protocol.codec import Codec
 from servolink.protocol.parser import FrameParser
 
-CHUNKS = {"1": 1, "64": 64, "one frame": None, "4096": 4096, "65536": 65536}
+CHUNKS = {"64": 64, "one frame": None, "4096": 4096}
 """Bytes in a chunk, by heading."""
 TIMES = {"14": 2.5, "186": 3.5, "3611": 4.5}
 """How many times faster than the textbook, by frame size, in 4 KiB chunks of a clean stream of one kind."""
-LONG = 1000
-"""MB/s of 3.6 KB frames in the same chunks."""
-LINE = 1.216
-"""MB/s of a full USB line at full speed, 12 Mbit/s, the most that a board sends."""
-SHARES = {("14", "64"): 4.0, ("186", "64"): 1.0, ("15 ids of 186 bytes", "4096"): 0.5, ("both in turns", "4096"): 0.5}
-"""Percent of a core that such a line may take, by frames and by chunk: a packet of USB, or what waits for a program."""
-AT_ONCE = 450
-"""Nanoseconds for a call with one whole frame of 14 or 186 bytes of any kind, as most responses arrive."""
 
 
 def run(*, short: bool) -> Result:
@@ -47,7 +39,7 @@ def run(*, short: bool) -> Result:
             for case in cases
         ],
         [
-            "Frames: a button event, the state of 16 servos, a list of 100 actions; or all kinds of that size.",
+            "Frames: a button event, the state of 16 servos, a list of 100 actions.",
             "One frame: each call gets one whole frame, as in most round trips.",
             "Damaged: one frame in 20 has a flipped bit, is cut, or has noise or padding in its place.",
         ],
@@ -59,8 +51,6 @@ def _streams(total: int) -> Iterator[tuple[str, list[bytes]]]:
     """Yield the frames of each clean stream."""
     for size, packet in TYPICAL.items():
         yield str(size), [Codec().encode(packet)] * (total // size)
-    for name, sizes in MIXES.items():
-        yield name, mixed(sizes, total)
 
 
 def _cases(stream: str, name: str, frames: list[bytes], rounds: int) -> Iterator[dict[str, Any]]:
@@ -68,7 +58,7 @@ def _cases(stream: str, name: str, frames: list[bytes], rounds: int) -> Iterator
     for heading, size in CHUNKS.items():
         if size is None and len(frames) == 1:
             continue  # a damaged stream has no whole frames
-        pieces = frames if size is None else chunks(whole[: max(len(whole) // 16, 8192)] if size == 1 else whole, size)
+        pieces = frames if size is None else chunks(whole, size)
         found = compare(_feeding(FrameParser, pieces), _feeding(TextbookParser, pieces), rounds)
         yield {
             "stream": stream,
@@ -84,14 +74,6 @@ def _goals(cases: list[dict[str, Any]]) -> Iterator[Goal]:
     clean = {(case["frame"], case["chunk"]): case for case in cases if case["stream"] == "clean"}
     for size, times in TIMES.items():
         yield at_least(f"textbook parser, {size} bytes, 4 KiB chunks", clean[size, "4096"]["ratio"], times)
-    yield at_least("speed on 3,611 bytes, 4 KiB chunks", clean["3611", "4096"]["mb_per_s"], LONG, "{:,.0f} MB/s")
-    for (frames, chunk), most in SHARES.items():
-        name = f"a full USB line of 1.2 MB/s, frames of {frames}" + (" bytes" if frames.isdecimal() else "")
-        share = 100 * LINE / clean[frames, chunk]["mb_per_s"]
-        yield at_most(f"{name}, {chunk} bytes a chunk", share, most, "{:.2f} % of a core")
-    for name, frames in {"14": "14 bytes", "186": "186 bytes", **{mix: mix for mix in MIXES}}.items():
-        case = clean[name, "one frame"]
-        yield at_most(f"one whole frame a call, {frames}", case["ours"] / case["frames"], AT_ONCE, "{:,.0f} ns")
 
 
 def _feeding(kind: Callable[[], FrameParser | TextbookParser], pieces: list[bytes]) -> Callable[[], int]:

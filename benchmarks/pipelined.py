@@ -17,11 +17,10 @@ from typing import ClassVar
 
 from benchmarks.answers import answers, exchange
 from benchmarks.goals import Goal, at_most
-from benchmarks.loops import NewLoop, loops
 from benchmarks.measuring import Result, Table, table
 from benchmarks.neighbours import Neighbours
 from benchmarks.responder import Responder, language
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.protocol.codec import Codec
 
 DEPTHS = (1, 4, 16)
@@ -67,11 +66,11 @@ class _Tasks(ABC):
 
     name: ClassVar[str]
 
-    def __init__(self, path: str, depth: int, new_loop: NewLoop) -> None:
+    def __init__(self, path: str, depth: int) -> None:
         """Connect on a loop of its own."""
         self._query, self._answer = exchange(_SIZE)
         self._depth = depth
-        self._runner = asyncio.Runner(loop_factory=new_loop)
+        self._runner = asyncio.Runner()
         self._runner.run(self._open(path))
 
     def ask(self, times: int) -> None:
@@ -158,7 +157,6 @@ class Ours(_Tasks):
 @dataclass
 class _Case:
     client: Bare | _Tasks
-    loop: str
     depth: int
     rate: list[float] = field(default_factory=list)
     """Requests per second of each round."""
@@ -176,42 +174,31 @@ class _Case:
 def run(*, short: bool) -> Result:
     """Measure all clients at all depths in turns."""
     rounds, times = (1, 160) if short else (11, 3200)
-    versions: dict[str, str] = {}
     neighbours = Neighbours()
     with ExitStack() as stack:
         cases = []
-        for loop, depth, make in _clients(versions):
-            responder = Responder(answers())
-            stack.callback(responder.close)
-            cases.append(_Case(make(responder.path), loop, depth))
-            stack.callback(cases[-1].client.close)
+        for depth in DEPTHS:
+            for kind in (Bare, Futures, Ours):
+                responder = Responder(answers())
+                stack.callback(responder.close)
+                cases.append(_Case(kind(responder.path, depth), depth))
+                stack.callback(cases[-1].client.close)
         for case in cases:
             case.client.ask(DEEPEST)
         for at in range(rounds):
             for case in cases if at % 2 else reversed(cases):
                 case.measure(times)
     return {
-        "versions": versions,
         "tables": [_table(cases, neighbours.note())],
         "goals": list(_goals(cases)),
         "cases": [
-            {"client": case.client.name, "loop": case.loop, "depth": case.depth, "rate": case.rate, "cpu": case.cpu}
-            for case in cases
+            {"client": case.client.name, "depth": case.depth, "rate": case.rate, "cpu": case.cpu} for case in cases
         ],
     }
 
 
-def _clients(versions: dict[str, str]) -> Iterator[tuple[str, int, Callable[[str], Bare | _Tasks]]]:
-    found = list(loops(versions))
-    for depth in DEPTHS:
-        yield "", depth, lambda path, depth=depth: Bare(path, depth)  # type: ignore[misc]
-        for loop, new in found:
-            for kind in (Futures, Ours):
-                yield loop, depth, lambda path, depth=depth, new=new, kind=kind: kind(path, depth, new)  # type: ignore[misc]
-
-
 def _bare(cases: list[_Case], depth: int) -> _Case:
-    return next(case for case in cases if not case.loop and case.depth == depth)
+    return next(case for case in cases if isinstance(case.client, Bare) and case.depth == depth)
 
 
 def _share(case: _Case, bare: _Case) -> float:
@@ -225,11 +212,7 @@ def _times(case: _Case, bare: _Case) -> float:
 def _goals(cases: list[_Case]) -> Iterator[Goal]:
     for depth, most in CPU.items():
         futures, ours = (
-            next(
-                case
-                for case in cases
-                if isinstance(case.client, kind) and (case.loop, case.depth) == ("asyncio", depth)
-            )
+            next(case for case in cases if isinstance(case.client, kind) and case.depth == depth)
             for kind in (Futures, Ours)
         )
         yield at_most(f"CPU of a request over that with a future for each, depth {depth}", _times(ours, futures), most)
@@ -238,11 +221,10 @@ def _goals(cases: list[_Case]) -> Iterator[Goal]:
 def _table(cases: list[_Case], others: str) -> Table:
     return table(
         f"responses of {_SIZE} bytes over a pseudo-terminal, several requests at once",
-        ("client", "loop", "depth", "requests/s", "of the bare loop", "CPU, µs", "times the bare loop"),
+        ("client", "depth", "requests/s", "of the bare loop", "CPU, µs", "times the bare loop"),
         [
             (
                 case.client.name,
-                case.loop,
                 case.depth,
                 f"{median(case.rate):,.0f}",
                 f"{_share(case, bare):.0%}",

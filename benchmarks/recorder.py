@@ -23,7 +23,7 @@ from benchmarks.measuring import CORES, Result, Table, table
 from benchmarks.neighbours import Neighbours
 from benchmarks.responder import Responder, language
 from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.protocol.servos import QueryServoRequest
 from servolink.recorder.mcap_reader import McapReader, Message
 from servolink.recorder.recorder import record
@@ -85,7 +85,7 @@ def run(*, short: bool) -> Result:
 
 
 async def _alone(name: str, delay: float, rounds: int, times: int) -> tuple[_Case, int]:
-    """Record in the program that asks, with `servolink.record`."""
+    """Record in the program that asks, with `servolink.recorder.record`."""
     numbers = count()
     with tempfile.TemporaryDirectory(prefix="servolink-recorder-") as folder:
         responder = Responder(answers(), delay)

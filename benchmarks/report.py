@@ -21,8 +21,8 @@ _INTRODUCTION = """\
 # Benchmarks
 
 Everyone can produce these figures again: `pip install -e ".[bench]"` in a copy of the repository, then the command
-above each table. `python -m benchmarks --publish` measures everything except the searches for faults, which take as
-long as one likes, and makes this page. `--report` makes it again from the figures in `benchmarks/figures/`.
+above each table. `python -m benchmarks --publish` measures everything and makes this page. `--report` makes it again
+from the figures in `benchmarks/figures/`. [Known limits](limits.md) has the figures of the searches for faults.
 
 Times are CPU times of one process that stays on one core, unless stated otherwise. What is compared runs in turns,
 round by round, because the speed of a machine drifts. A figure is the median of the rounds, a ratio the median of the
@@ -72,35 +72,26 @@ def _section(name: str, result: Result, machine: Result) -> Iterator[str]:
 
 
 def _outcome(result: Result) -> Iterator[str]:
-    """Yield every goal of a benchmark with its figure, and every fault."""
-    goals: list[Goal] = result.get("goals", [])
-    if goals:
-        yield "Goals:\n"
-        rows = [[goal["name"], goal["goal"], goal["figure"], "met" if goal["met"] else "**missed**"] for goal in goals]
-        yield from _grid(["what", "goal", "measured", ""], rows, right=[False, True, True, False])
-        yield ""
+    """Yield every fault."""
     if wrong := result.get("wrong", []):
         yield from ("Wrong:\n", *(f"* {fault}" for fault in wrong), "")
-    elif "wrong" in result:
-        yield "No fault was found.\n"
 
 
 def _summary(results: list[tuple[str, Result, Result]]) -> Iterator[str]:
-    """Yield how many goals of the page are met, and each one that is not."""
+    """Yield all goals of the page with their figures, and how many are met."""
     goals: list[tuple[str, Goal]] = [(name, goal) for name, result, _ in results for goal in result.get("goals", [])]
     rows = [
-        *([_link(name), goal["name"], goal["goal"], goal["figure"]] for name, goal in goals if not goal["met"]),
-        *(
-            [_link(name), fault, "none", "**wrong**"]
-            for name, result, _ in results
-            for fault in result.get("wrong", [])
-        ),
+        [_link(name), goal["name"], goal["goal"], goal["figure"], "met" if goal["met"] else "**missed**"]
+        for name, goal in goals
     ]
-    yield "## Goals missed\n"
-    yield f"{sum(goal['met'] for _, goal in goals)} of {len(goals)} goals are met."
-    if rows:
-        yield "These are not:\n"
-        yield from _grid(["benchmark", "what", "goal", "measured"], rows, right=[False, False, True, True])
+    rows += [
+        [_link(name), fault, "none", "", "**wrong**"]
+        for name, result, _ in results
+        for fault in result.get("wrong", [])
+    ]
+    yield "## Goals\n"
+    yield f"{sum(goal['met'] for _, goal in goals)} of {len(goals)} goals are met.\n"
+    yield from _grid(["benchmark", "what", "goal", "measured", ""], rows, right=[False, False, True, True, False])
     yield ""
 
 

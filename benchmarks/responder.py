@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import socket
 import subprocess
 import sys
 import tempfile
 import time
 import tty
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -58,25 +56,6 @@ class Responder:
         self._process.kill()
         self._process.wait()
         os.close(self._line)
-
-
-class Listener:
-    """A TCP port at whose other end frames are answered, by a program in Python, for one client after the other."""
-
-    def __init__(self, answers: Mapping[int, bytes]) -> None:
-        """Begin to listen, likewise."""
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            self.url = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-            """What a client opens."""
-            command = [sys.executable, __file__, "listen", str(server.fileno()), *_given(answers)]
-            self._process = subprocess.Popen(command, pass_fds=[server.fileno()])  # noqa: S603 - our own program
-        if CORES:
-            os.sched_setaffinity(self._process.pid, {CORES[0]})
-
-    def close(self) -> None:
-        """End it."""
-        self._process.kill()
-        self._process.wait()
 
 
 def start(descriptor: int, answers: Answers, delay: float = 0.0) -> subprocess.Popen[bytes]:
@@ -128,21 +107,12 @@ def _serve(line: int, respond: Callable[[bytes], bytes]) -> None:
         os.write(line, respond(came))
 
 
-def _listen(server: socket.socket, answers: Mapping[int, bytes]) -> None:
-    while True:
-        line, _ = server.accept()
-        with line, suppress(OSError):  # a client that is gone
-            _serve(line.fileno(), _frames(answers))
-
-
 def _pairs(given: list[str]) -> dict[int, bytes]:
     return {int(packet_id): bytes.fromhex(answer) for packet_id, answer in (pair.split("=") for pair in given)}
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "listen":
-        _listen(socket.socket(fileno=int(sys.argv[2])), _pairs(sys.argv[3:]))
-    elif "=" in sys.argv[2]:
+    if "=" in sys.argv[2]:
         _serve(int(sys.argv[1]), _frames(_pairs(sys.argv[2:])))
     else:
         _serve(int(sys.argv[1]), _pieces(int(sys.argv[2]), bytes.fromhex(sys.argv[3])))

@@ -1,4 +1,4 @@
-"""A request and its answer over a pseudo-terminal: what each layer adds to the bare system calls."""
+"""A request and its answer over a pseudo-terminal: beside bare system calls and other libraries."""
 
 from __future__ import annotations
 
@@ -10,17 +10,14 @@ from statistics import median
 from time import process_time_ns
 
 from benchmarks.goals import Goal, at_least, at_most
-from benchmarks.loops import installed, loops
-from benchmarks.measuring import CORES, Result, Table, table
+from benchmarks.measuring import CORES, Result, Table, installed, table
 from benchmarks.neighbours import Neighbours
 from benchmarks.responder import Responder, language
-from benchmarks.roundtrip_clients import LAYERS, METHODS, PEERS, RAW, Client, Modbus, Ours, OurSync, Polling
+from benchmarks.roundtrip_clients import LOOPS, PEERS, RAW, Client, Modbus, Ours, OurSync, Polling
 
 SIZES = (14, 186)
-ADDED = {"asyncio": 14.0, "uvloop": 10.0}
-"""Microseconds that a whole request may add to the median of epoll, by event loop."""
-TIMES = {"asyncio": 2.0, "uvloop": 1.6}
-"""How many times the median of epoll it may take."""
+TIMES = 2.0
+"""How many times the median of epoll a request may take."""
 PEER_GOAL = 2.0
 """How many times as long pymodbus takes."""
 SYNC_GOAL = 2.5
@@ -30,7 +27,6 @@ SYNC_GOAL = 2.5
 @dataclass
 class _Case:
     client: Client
-    loop: str
     p50: list[float] = field(default_factory=list)  # one per round, nanoseconds
     p99: list[float] = field(default_factory=list)
     wall: list[float] = field(default_factory=list)  # per request, nanoseconds
@@ -63,7 +59,7 @@ def run(*, short: bool) -> Result:
         result["tables"].append(_table(size, cases, neighbours.note()))
         result["goals"] += _goals(size, cases)
         result["cases"] += [
-            {"answer": size, "client": case.client.name, "loop": case.loop}
+            {"answer": size, "client": case.client.name}
             | {name: [round(value) for value in getattr(case, name)] for name in ("p50", "p99", "wall", "cpu")}
             for case in cases
         ]
@@ -79,13 +75,9 @@ def _measure(cases: list[_Case], rounds: int, times: int) -> None:
 
 
 def _cases(size: int, versions: dict[str, str]) -> Iterator[_Case]:
-    for raw in RAW:
-        yield _Case(raw(size), "")
-    yield _Case(OurSync(size), "")
-    for loop, new in loops(versions):
-        for kind in (*LAYERS, METHODS[size], *PEERS):
-            if not kind.package or installed(kind.package, versions):
-                yield _Case(kind(size, new), loop)
+    for kind in (*RAW, OurSync, *LOOPS, *PEERS):
+        if not kind.package or installed(kind.package, versions):
+            yield _Case(kind(size))
 
 
 def _ratio(case: _Case, to: _Case) -> float:
@@ -103,27 +95,22 @@ def _spread(case: _Case, to: _Case) -> float:
     return (ratios[len(ratios) * 3 // 4] - ratios[len(ratios) // 4]) / 2 / median(ratios)
 
 
-def _only(cases: list[_Case], kind: type[Client], loop: str = "") -> _Case | None:
-    return next((case for case in cases if type(case.client) is kind and case.loop == loop), None)
+def _only(cases: list[_Case], kind: type[Client]) -> _Case | None:
+    return next((case for case in cases if type(case.client) is kind), None)
 
 
 def _goals(size: int, cases: list[_Case]) -> Iterator[Goal]:
-    epoll = _only(cases, Polling)
-    for loop, added in ADDED.items():
-        ours, modbus = _only(cases, Ours, loop), _only(cases, Modbus, loop)
-        if ours is None or epoll is None:
-            continue
-        where = f"{size} bytes, {loop}"
-        yield at_most(f"what `request` adds to epoll, {where}", _over(ours, epoll) / 1000, added, "{:+.1f} µs")
-        yield at_most(f"time of `request` over that of epoll, {where}", _ratio(ours, epoll), TIMES[loop])
-        if modbus is not None:
-            system = _over(modbus, epoll) / _over(ours, epoll)
-            name = f"time of pymodbus over that of `request`, {where} (without that of epoll: {system:.1f}x)"
-            yield at_least(name, _ratio(modbus, ours), PEER_GOAL)
-    ours, sync = _only(cases, Ours, "asyncio"), _only(cases, OurSync)
-    if ours is not None and sync is not None:
-        name = f"time of `request` of servolink.sync over that of `request`, {size} bytes"
-        yield at_most(name, _ratio(sync, ours), SYNC_GOAL)
+    epoll, ours, modbus, sync = (_only(cases, kind) for kind in (Polling, Ours, Modbus, OurSync))
+    assert epoll is not None  # noqa: S101 - it is always measured, as the next two are
+    assert ours is not None  # noqa: S101
+    assert sync is not None  # noqa: S101
+    yield at_most(f"time of `request` over that of epoll, {size} bytes", _ratio(ours, epoll), TIMES)
+    if modbus is not None:
+        system = _over(modbus, epoll) / _over(ours, epoll)
+        name = f"time of pymodbus over that of `request`, {size} bytes (without that of epoll: {system:.1f}x)"
+        yield at_least(name, _ratio(modbus, ours), PEER_GOAL)
+    name = f"time of `request` of servolink.sync over that of `request`, {size} bytes"
+    yield at_most(name, _ratio(sync, ours), SYNC_GOAL)
 
 
 def _table(size: int, cases: list[_Case], others: str) -> Table:
@@ -131,11 +118,10 @@ def _table(size: int, cases: list[_Case], others: str) -> Table:
     assert epoll is not None  # noqa: S101 - it is one of RAW
     return table(
         f"request and response of {size} bytes over a pseudo-terminal, µs",
-        ("client", "loop", "p50", "over epoll", "p50 / epoll", "spread", "p99", "CPU", "requests/s"),
+        ("client", "p50", "over epoll", "p50 / epoll", "spread", "p99", "CPU", "requests/s"),
         [
             (
                 case.client.name,
-                case.loop,
                 f"{median(case.p50) / 1000:.1f}",
                 f"{_over(case, epoll) / 1000:+.1f}",
                 f"{_ratio(case, epoll):.2f}x",

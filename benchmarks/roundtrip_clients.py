@@ -1,4 +1,4 @@
-"""Who asks in the benchmark of round trips: bare system calls, the layers of servolink one by one, other libraries."""
+"""Who asks in the benchmark of round trips: bare system calls, servolink, other libraries."""
 
 from __future__ import annotations
 
@@ -12,13 +12,10 @@ from time import perf_counter_ns
 from typing import Any, ClassVar
 
 from benchmarks.answers import answers, exchange
-from benchmarks.loops import NewLoop
 from benchmarks.responder import Answers
 from servolink import sync
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.protocol.codec import Codec
-from servolink.protocol.parser import FrameParser
-from servolink.transports.registry import create
 
 _BAUDRATE = 115200  # a pseudo-terminal takes no notice of it
 
@@ -35,7 +32,7 @@ class Client(ABC):
         query, self.answer = exchange(size)
         self.query: Any = query
         self.frame = Codec().encode(query)
-        self.answers: Answers = answers()
+        self.answers: Answers = answers() | {query.packet_id: self.answer}
         """How the other end answers."""
 
     @abstractmethod
@@ -112,14 +109,9 @@ class Polling(Client):
 class LoopClient(Client):
     """One that asks on an event loop of its own."""
 
-    def __init__(self, size: int, new_loop: NewLoop) -> None:
-        """Ask on a loop that `new_loop` makes."""
-        super().__init__(size)
-        self._new_loop = new_loop
-
     def open(self, path: str) -> None:
         """Open the port on a new loop."""
-        self.loop = self._new_loop()
+        self.loop = asyncio.new_event_loop()
         asyncio.set_event_loop(self.loop)
         self.loop.run_until_complete(self.connect(path))
 
@@ -234,48 +226,6 @@ class Bare(_Counting):
         await asyncio.sleep(0.01)
 
 
-class OurTransport(_Counting):
-    """`serial://` alone."""
-
-    name = "servolink, transport alone"
-
-    async def connect(self, path: str) -> None:
-        """Open the port."""
-        self.transport = create(path)
-        await self.transport.open(self)
-        await asyncio.sleep(0.01)
-
-    def request(self) -> Callable[[], Awaitable[Any]]:
-        """Send, wait for the future."""
-
-        async def request() -> None:
-            self._waiter = self.loop.create_future()
-            await self.transport.send(self.frame)
-            await self._waiter
-
-        return request
-
-    async def disconnect(self) -> None:
-        """Close it."""
-        await self.transport.close()
-
-
-class OurParser(OurTransport):
-    """`serial://` and the parser."""
-
-    name = "servolink, transport and parser"
-
-    async def connect(self, path: str) -> None:
-        """Open the port."""
-        self._parser = FrameParser()
-        await super().connect(path)
-
-    def data(self, chunk: bytes) -> None:
-        """Wait for a frame."""
-        for _ in self._parser.feed(chunk):
-            self._waiter.set_result(None)
-
-
 class Ours(LoopClient):
     """`board.request`: encoding, turns, lanes, deadline, matching and decoding."""
 
@@ -319,35 +269,15 @@ class OurSync(Client):
         self.board.close()
 
 
-class OurServos(Ours):
-    """`board.servos()`: the same request, and its servos in degrees by id."""
-
-    name = "servolink, board.servos"
-
-    def request(self) -> Callable[[], Awaitable[Any]]:
-        """Ask."""
-        return self.board.servos
-
-
-class OurServoIds(Ours):
-    """`board.servo_ids()`: the same for the short response."""
-
-    name = "servolink, board.servo_ids"
-
-    def request(self) -> Callable[[], Awaitable[Any]]:
-        """Ask."""
-        return self.board.servo_ids
-
-
 class Modbus(LoopClient):
     """pymodbus: holding registers over RTU, 4 of them (13 bytes) or 90 (185)."""
 
     name = "pymodbus, read_holding_registers"
     package = "pymodbus"
 
-    def __init__(self, size: int, new_loop: NewLoop) -> None:
+    def __init__(self, size: int) -> None:
         """Ask for as many registers as make an answer of about `size` bytes."""
-        super().__init__(size, new_loop)
+        super().__init__(size)
         self._count = (size - 5) // 2
         values = import_module("pymodbus.pdu.register_message").ReadHoldingRegistersResponse(
             registers=list(range(self._count)), dev_id=1
@@ -376,9 +306,9 @@ class Moteus(LoopClient):
     name = "moteus, transaction"
     package = "moteus"
 
-    def __init__(self, size: int, new_loop: NewLoop) -> None:
+    def __init__(self, size: int) -> None:
         """Ask for a CAN frame whose line is about `size` bytes long."""
-        super().__init__(size, new_loop)
+        super().__init__(size)
         self._library = import_module("moteus.fdcanusb_device")
         data = bytes(range(6 if size == 14 else 64))
         lines = (b"OK", f"rcv 0180 {data.hex().upper()} b F".encode())
@@ -408,7 +338,5 @@ class Moteus(LoopClient):
 
 
 RAW = (Blocking, Polling)
-LAYERS = (Reader, Bare, OurTransport, OurParser, Ours)
-METHODS = {14: OurServoIds, 186: OurServos}
-"""The method of a board that makes the request, by size of the response."""
+LOOPS = (Reader, Bare, Ours)
 PEERS = (Modbus, Moteus)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cache
 from random import Random
 
-from benchmarks.samples import near
 from servolink.protocol.codec import PACKETS, Codec
 from servolink.protocol.editing import QueryActionListResponse
 from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, encode_frame
 from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.layout import layout
+from servolink.protocol.layouts import layout
 from servolink.protocol.packet import Packet
 from servolink.protocol.records import ActionEntry
 from servolink.protocol.servos import QueryServoResponse, ServoState
@@ -25,37 +23,8 @@ TYPICAL: dict[int, Packet] = {
 """By frame size: a button event, the state of 16 servos, the list of 100 actions."""
 
 
-MIXES: dict[str, tuple[int, ...]] = {
-    "44 ids of 14 bytes": (14,),
-    "15 ids of 186 bytes": (186,),
-    "both in turns": (14, 186),
-}
-"""Streams of many ids by name, as a line with several kinds of requests has them: their frame sizes, in turns."""
-
-
-def mixed_frame(size: int, number: int) -> bytes:
-    """Return the frame of any kind that can have about `size` bytes; each number has its own."""
-    return Random(number).choice(_near(size))
-
-
-@cache
-def _near(size: int) -> list[bytes]:
-    return [Codec().encode(packet) for packet in near(size)]
-
-
-def mixed(sizes: tuple[int, ...], total: int) -> list[bytes]:
-    """Return frames of about these sizes in turns, with about `total` bytes in all."""
-    count = max(1, total * len(sizes) // sum(sizes))
-    return [mixed_frame(sizes[number % len(sizes)], number) for number in range(count)]
-
-
-def clean(size: int, total: int) -> bytes:
-    """Return about `total` bytes of nothing but frames of `size` bytes."""
-    return Codec().encode(TYPICAL[size]) * max(1, total // size)
-
-
 def dirty(size: int, total: int, seed: int = 1) -> bytes:
-    """Return the same with one frame in 20 damaged: a flipped bit, a cut, noise or padding."""
+    """Return about `total` bytes of frames of `size` bytes, one in 20 with a flipped bit, a cut, noise or padding."""
     random, frame, stream = Random(seed), Codec().encode(TYPICAL[size]), bytearray()
     while len(stream) < total:
         stream += frame if random.random() < 0.95 else _damaged(frame, random)

@@ -12,16 +12,7 @@ from typing import Any
 
 from benchmarks.goals import Goal, at_least, at_most
 from benchmarks.measuring import CORES, Result, Table, table
-from benchmarks.studio_hands import (
-    KEYFRAMES,
-    POINTS,
-    SERIES,
-    Waits,
-    drag_keyframes,
-    drag_slider,
-    draw_plots,
-    store_keyframes,
-)
+from benchmarks.studio_hands import KEYFRAMES, Waits, drag_keyframes, drag_slider, store_keyframes
 from benchmarks.studio_place import Place, address_of, chromium, page_of, started, studio
 from benchmarks.studio_tabs import PAGES, TABS, Frozen, Tabs, freeze, watch
 
@@ -35,8 +26,6 @@ class _Extent:
 
     watch: float
     """Seconds in which no reading may be missed."""
-    heap: float
-    """Seconds in which the heap may grow."""
     some: float
     """Seconds of everything else."""
     starts: int
@@ -44,8 +33,8 @@ class _Extent:
     """Of the mouse."""
 
 
-_LONG = _Extent(watch=60, heap=600, some=15, starts=9, moves=600)
-_SHORT = _Extent(watch=3, heap=5, some=2, starts=2, moves=60)
+_LONG = _Extent(watch=60, some=15, starts=9, moves=600)
+_SHORT = _Extent(watch=3, some=2, starts=2, moves=60)
 
 
 @dataclass(frozen=True)
@@ -60,8 +49,6 @@ class _Watched:
     """Share of a core that the server used."""
     memory: float
     """MB of the server."""
-    grown: float
-    """MB by which the heap of the page grew."""
 
 
 def run(*, short: bool) -> Result:
@@ -78,8 +65,6 @@ def run(*, short: bool) -> Result:
         store_keyframes()
         with page_of(browser, place.url) as page:
             keyframes = drag_keyframes(page, extent.moves)
-        with page_of(browser, place.url) as page:
-            pictures = draw_plots(page, HZ, extent.some)
         tabs = watch(place, browser, HZ, extent.some)
         frozen = freeze(place, browser, extent.some)
         versions = {"Chromium": browser.version}
@@ -87,9 +72,9 @@ def run(*, short: bool) -> Result:
     return {
         "tables": [_table(watched, extent), _waits_table(waits), _tabs_table(tabs, frozen)],
         "goals": [
-            *_page_goals(watched, extent, pictures),
+            *_page_goals(watched, extent),
             *_waits_goals(waits),
-            *_server_goals(starts, watched, tabs, frozen),
+            *_server_goals(starts, tabs, frozen),
         ],
         "versions": versions,
         "starts": starts,
@@ -107,15 +92,12 @@ def _start() -> float:
 
 def _watch(place: Place, page: Any, extent: _Extent) -> _Watched:
     """Look at the robot for a while."""
-    cdp = page.context.new_cdp_session(page)
     page.wait_for_timeout(_WARM)
-    heap = _heap(cdp)
     page.evaluate("() => { probe.readings.length = 0 }")
     began, used = perf_counter(), place.cpu()
     page.wait_for_timeout(extent.watch * 1000)
     readings = page.evaluate("probe.readings")
     cpu = (place.cpu() - used) / (perf_counter() - began)
-    page.wait_for_timeout((extent.heap - extent.watch) * 1000)
     times = [time for time, _ in readings]
     return _Watched(
         len(readings),
@@ -123,20 +105,11 @@ def _watch(place: Place, page: Any, extent: _Extent) -> _Watched:
         max(late - early for early, late in pairwise(times)),
         cpu,
         place.memory(),
-        _heap(cdp) - heap,
     )
 
 
-def _heap(cdp: Any) -> float:
-    """Return the MB of the page's objects that are still needed."""
-    cdp.send("HeapProfiler.collectGarbage")
-    return float(cdp.send("Runtime.getHeapUsage")["usedSize"]) / 1e6
-
-
-def _page_goals(watched: _Watched, extent: _Extent, pictures: float) -> Iterator[Goal]:
+def _page_goals(watched: _Watched, extent: _Extent) -> Iterator[Goal]:
     yield at_most(f"readings missed of 16 servos at {HZ} Hz in {extent.watch:g} s", watched.missed, 0, "{:.0f}")
-    yield at_least(f"pictures per second of {SERIES} lines with {POINTS:,} points each", pictures, 30, "{:.1f}")
-    yield at_most(f"growth of the page's heap in {extent.heap / 60:.1f} minutes", watched.grown, 5, "{:.1f} MB")
 
 
 def _waits_goals(waits: dict[str, Waits]) -> Iterator[Goal]:
@@ -154,15 +127,12 @@ def _waits_goals(waits: dict[str, Waits]) -> Iterator[Goal]:
     )
 
 
-def _server_goals(starts: list[float], watched: _Watched, tabs: Tabs, frozen: Frozen) -> Iterator[Goal]:
+def _server_goals(starts: list[float], tabs: Tabs, frozen: Frozen) -> Iterator[Goal]:
     yield at_most("from the command to the address", median(starts), 1.5, "{:.2f} s")
-    yield at_most("CPU of the server for one page, share of a core", 100 * watched.cpu, 5, "{:.1f} %")
-    yield at_most("memory of the server with one page", watched.memory, 60, "{:.0f} MB")
     yield at_least(f"readings per second that each of {TABS} tabs gets", tabs.readings, 0.9 * HZ, "{:.1f}")
     yield at_most(
         "from the last beat of a frozen tab until the robot is stopped", frozen.stopped * 1000, 400, "{:.0f} ms"
     )
-    yield at_most("CPU of the server for a frozen tab, share of a core", 100 * frozen.cpu, 1, "{:.1f} %")
 
 
 def _table(watched: _Watched, extent: _Extent) -> Table:

@@ -12,11 +12,11 @@ import sys
 from contextlib import AsyncExitStack
 from time import perf_counter
 
-from servolink.listeners.forwarding import serve_network
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.servos import ExecuteActionRequest, SetServoParameterRequest
+from servolink.transports.listeners.forwarding import serve_network
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import BoardDriver, VirtualTransport
 

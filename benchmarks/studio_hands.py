@@ -1,4 +1,4 @@
-"""A hand on the mouse in the page of the studio, and lines that are drawn meanwhile."""
+"""A hand on the mouse in the page of the studio."""
 
 from __future__ import annotations
 
@@ -15,39 +15,12 @@ from servolink.project.build import build_project
 from servolink.protocol.records import Action, Macro
 
 KEYFRAMES = 1000
-SERIES, POINTS = 48, 3000
 _SERVO = 2
 _SWEEP = 150  # pixels, one way
 _KEYFRAME_SECONDS = 0.1
 _ZOOM = 8
 _LOOKS = 50
 """How often the clocks are compared: the quickest one counts."""
-
-_PLOTS = """async ([points, hz]) => {
-  const { html, render } = await import("/html.js");
-  const { Plot } = await import("/parts/plot.js");
-  const { History, QUANTITIES } = await import("/state/history.js");
-  const ids = Array.from({ length: 16 }, (_, at) => at + 1), history = new History();
-  const add = () => {
-    const seconds = history.count / hz;
-    history.add(seconds, ids.map((servo_id) => {
-      const wave = Math.sin(seconds + servo_id);
-      return { servo_id, angle: 90 * wave, current_raw: 500 + 400 * wave, temperature_raw: 300 + 50 * wave };
-    }));
-  };
-  for (let count = 0; count < points; count++) add();
-  setInterval(add, 1000 / hz);
-  document.body.replaceChildren();
-  const all = QUANTITIES.map((quantity, at) => {
-    const place = document.createElement("div");
-    Object.assign(place.style, { position: "fixed", inset: `${at * 33}% 0 auto 0`, height: "33%", display: "grid" });
-    document.body.append(place);
-    render(html`<${Plot} history=${history} ids=${ids} quantity=${quantity} seconds=${points / hz} chosen=${null}
-      limbOf=${() => ""} unit="" label="" nowLabel="" look="" />`, place);
-    return place;
-  });
-  window.drawn = () => all.map((place) => probe.drawings.get(place.querySelector("canvas")) ?? 0);
-}"""
 
 
 @dataclass(frozen=True)
@@ -119,16 +92,6 @@ def store_keyframes() -> None:
     ]
     with sync.connect(shared_board()) as board:
         board.apply_project(build_project(Macro.of("long", *poses, loop=KEYFRAMES // len(poses))))
-
-
-def draw_plots(page: Any, hz: int, seconds: float) -> float:
-    """Draw as many lines as the goal names; return the pictures per second, of the plot that has the fewest."""
-    page.evaluate(_PLOTS, [POINTS, hz])
-    page.wait_for_timeout(1000)
-    began, before = perf_counter(), page.evaluate("drawn()")
-    page.wait_for_timeout(seconds * 1000)
-    after = page.evaluate("drawn()")
-    return float(min(map(int.__sub__, after, before))) / (perf_counter() - began)
 
 
 def clock_offset(page: Any) -> float:

@@ -16,7 +16,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from servolink.discovery import hubs
+from servolink.boards import hubs
 
 _BROWSER = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-gpu", "--disable-3d-apis"]
 _PROBE = Path(__file__).with_name("studio_probe.js")

@@ -31,13 +31,3 @@ addEventListener("pointermove", (event) => {
     port2.postMessage(0);
   });
 }, true);
-
-// How often each canvas was drawn.
-window.probe.drawings = new Map();
-{
-  const clear = CanvasRenderingContext2D.prototype.clearRect;
-  CanvasRenderingContext2D.prototype.clearRect = function (...args) {
-    window.probe.drawings.set(this.canvas, (window.probe.drawings.get(this.canvas) ?? 0) + 1);
-    return clear.apply(this, args);
-  };
-}

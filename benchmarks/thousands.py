@@ -24,8 +24,7 @@ from benchmarks.goals import Goal, at_most
 from benchmarks.measuring import CORES, Result, Table, percentile, table
 
 COUNTS = (200, 500, 1000, 2000)
-STOPPED = 150.0  # milliseconds, 99 times in 100
-JOINED = 45.0  # MB of `fleet join` with a board
+STOPPED = (150.0, 300.0)  # milliseconds, 99 times in 100, with fewest boards and with most
 GROWTH = 1.25  # CPU of a stop for each board, with most boards over fewest
 _WORKER = "benchmarks.thousands_worker"
 _WHOLE = [f"rex{number}" for number in range(10)]
@@ -65,7 +64,7 @@ def run(*, short: bool) -> Result:
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     counts = (20, 60) if short else COUNTS
-    with _place() as (place, joined, each):
+    with _place() as place:
         cases = [_measure(place, count, *((1.0, 3) if short else (15.0, 60))) for count in counts]
     wrong = [
         f"{case.boards} boards: the controller knows {case.found['known']}"
@@ -73,34 +72,31 @@ def run(*, short: bool) -> Result:
         if case.found["known"] != case.boards
     ]
     return {
-        "tables": [_rest_table(cases), _stop_table(cases), _join_table(joined, each)],
-        "goals": [*_goals(cases, joined)],
+        "tables": [_rest_table(cases), _stop_table(cases)],
+        "goals": [*_goals(cases)],
         "wrong": wrong,
         "cases": [asdict(case) for case in cases],
     }
 
 
 @contextmanager
-def _place() -> Iterator[tuple[Place, float, float]]:
-    """Yield a broker with ten whole boards, MB of `fleet join` with one board, and MB of each further board."""
+def _place() -> Iterator[Place]:
+    """Yield a broker with ten whole boards."""
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="servolink-fleet-"))
         url, broker = stack.enter_context(broker_process(*_QUEUE))
         hubs = stack.enter_context(started(_WORKER, "hubs", *_WHOLE, folder=folder))
         until_ready(hubs)
-        with _joined(folder, url, _WHOLE[:1]) as one:
-            sleep(2.0)
-            alone = one.memory
-        bridge = stack.enter_context(_joined(folder, url, _WHOLE))
+        bridge = stack.enter_context(_joined(folder, url))
         sleep(2.0)
-        yield Place(url, Process(broker), hubs, bridge), alone, (bridge.memory - alone) / (len(_WHOLE) - 1)
+        yield Place(url, Process(broker), hubs, bridge)
 
 
 @contextmanager
-def _joined(folder: str, url: str, names: list[str]) -> Iterator[Process]:
+def _joined(folder: str, url: str) -> Iterator[Process]:
     """Run `servolink fleet join`."""
-    with started("servolink", "fleet", "join", url, *names, folder=folder) as process:
-        for _ in names:
+    with started("servolink", "fleet", "join", url, *_WHOLE, folder=folder) as process:
+        for _ in _WHOLE:
             if not pipes(process)[1].readline().startswith("joined"):
                 raise SystemExit("servolink fleet join has ended")
         try:
@@ -160,20 +156,15 @@ def _written(hubs: subprocess.Popen[str]) -> dict[str, list[float]]:
 # --- figures ----------------------------------------------------------------------------------------------------------
 
 
-def _goals(cases: list[Case], joined: float) -> Iterator[Goal]:
+def _goals(cases: list[Case]) -> Iterator[Goal]:
     fewest, most = cases[0], cases[-1]
-    where = f"99 times in 100; {most.boards} boards"
-    share = _ms(most.found["cpu_of_stops"]) + 1000 * most.of_stop["bridge"]
-    for name, figure in (
-        (f"CPU of the controller and of the bridge of ten boards in a stop of all, {where}", share),
-        (f"from a stop of all until a board is sent it, with broker and stand-ins, {where}", _ms(most.written)),
-        (f"from a stop of all until a board has confirmed it, likewise, {where}", 1000 * most.found["confirmed"][1]),
-    ):
-        yield at_most(name, figure, STOPPED, "{:.0f} ms")
+    for case, limit in zip((fewest, most), STOPPED, strict=True):
+        where = f"with broker and stand-ins, 99 times in 100; {case.boards} boards"
+        name = f"from a stop of all until a board has confirmed it, {where}"
+        yield at_most(name, 1000 * case.found["confirmed"][1], limit, "{:.0f} ms")
     ratio = (most.of_stop["controller"] / most.boards) / (fewest.of_stop["controller"] / fewest.boards)
     name = f"CPU of the controller in a stop, for each of {most.boards} boards over each of {fewest.boards}"
     yield at_most(name, ratio, GROWTH)
-    yield at_most("memory of `servolink fleet join` with a board", joined, JOINED, "{:.1f} MB")
 
 
 def _ms(seconds: list[float], percent: float = 99) -> float:
@@ -249,13 +240,4 @@ def _stop_table(cases: list[Case]) -> Table:
             "sent the frame. Confirmed: until the controller has the answer of a board, and of all boards.",
             "Controller, broker, whole boards and stand-ins share two cores, and wait for each other.",
         ],
-    )
-
-
-def _join_table(joined: float, each: float) -> Table:
-    return table(
-        "`servolink fleet join` beside the hubs of its boards",
-        ("boards", "MB"),
-        [(1, f"{joined:.1f}"), ("each further board", f"{each:.2f}")],
-        ["Resident memory, with all libraries that are mapped."],
     )

@@ -1,8 +1,8 @@
 """Stand-ins for thousands of boards: what their bridges say to a broker, without bridges, hubs and boards.
 
 Each board has a connection with a last will, says that it is there and sends its pulse each second. Ten boards share
-one more connection, which answers stops as the bridges of a machine do. Packets are written by hand, and read with
-`servolink.fleet.publish_packets`: paho-mqtt would take longer than the program that is measured.
+one more connection, which answers stops as the bridges of a machine do. Packets are written and read by hand: thousands
+of threads of paho-mqtt would take longer than the program that is measured.
 """
 
 from __future__ import annotations
@@ -11,14 +11,15 @@ import asyncio
 import itertools
 import socket
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import msgspec
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
 
 from servolink.fleet.access import parse_broker
-from servolink.fleet.publish_packets import PUBLISH, PacketBuffer, Received, message_in
 from servolink.fleet.topics import (
-    MOST_BYTES,
     OFFLINE,
     ONLINE,
     BoardNow,
@@ -34,14 +35,13 @@ PER_MACHINE = 10
 """Boards that share a connection for stops."""
 _TOPICS = Topics()
 _AT_ONCE = 50  # machines that connect together
-_CONNECT, _CONFIRM, _SUBSCRIBE, _PING = 0x10, 0x40, 0x82, 0xC0
+_CONNECT, _PUBLISH, _CONFIRM, _SUBSCRIBE, _SUBSCRIBED, _PING = 0x10, 0x30, 0x40, 0x82, 0x90, 0xC0
 _QOS_1, _RETAIN = 0x02, 0x01
 _KEEPALIVE = 10
 
 
-def _text(content: str | bytes) -> bytes:
-    data = content.encode() if isinstance(content, str) else content
-    return struct.pack("!H", len(data)) + data
+def _text(content: str) -> bytes:
+    return struct.pack("!H", len(content.encode())) + content.encode()
 
 
 def _packet(head: int, body: bytes) -> bytes:
@@ -52,6 +52,19 @@ def _packet(head: int, body: bytes) -> bytes:
     return bytes((head, *length, size)) + body
 
 
+def _packets(data: bytearray) -> Iterator[tuple[int, bytes]]:
+    """Take the complete packets out of `data`. Yield the head and the body of each."""
+    while True:
+        size, begin = 0, 1
+        while begin < len(data) and (begin == 1 or data[begin - 1] > 0x7F):
+            size |= (data[begin] & 0x7F) << 7 * (begin - 1)
+            begin += 1
+        if begin == 1 or data[begin - 1] > 0x7F or len(data) < begin + size:
+            return
+        yield data[0], bytes(data[begin : begin + size])
+        del data[: begin + size]
+
+
 class Link(asyncio.Protocol):
     """A connection with the broker."""
 
@@ -60,7 +73,7 @@ class Link(asyncio.Protocol):
         self.is_ready = asyncio.get_running_loop().create_future()
         self._topics = topics
         self._ids = itertools.cycle(range(1, 0xFFFF))
-        self._packets = PacketBuffer(MOST_BYTES)
+        self._received = bytearray()
         flags = 0x02 if will is None else 0x2E  # clean start; will with QoS 1, retained
         last = b"" if will is None else b"\0" + _text(will) + _text(OFFLINE)
         head = _text("MQTT") + struct.pack("!BBHB", 5, flags, _KEEPALIVE, 0)
@@ -84,15 +97,12 @@ class Link(asyncio.Protocol):
         """Send packets."""
         self._transport.write(data)
 
-    def publication(
-        self, topic: str, payload: str | bytes, *, qos: int = 1, retain: bool = False, correlation: bytes | None = None
-    ) -> bytes:
+    def publication(self, topic: str, payload: str | bytes, *, qos: int = 1, retain: bool = False) -> bytes:
         """Return a packet for `write`."""
         content = payload.encode() if isinstance(payload, str) else payload
-        properties = b"\x09" + _text(correlation) if correlation else b""
         number = struct.pack("!H", next(self._ids)) if qos else b""
-        head = PUBLISH << 4 | (_QOS_1 if qos else 0) | (_RETAIN if retain else 0)
-        return _packet(head, _text(topic) + number + bytes((len(properties),)) + properties + content)
+        head = _PUBLISH | (_QOS_1 if qos else 0) | (_RETAIN if retain else 0)
+        return _packet(head, _text(topic) + number + b"\0" + content)
 
     def ping(self) -> None:
         """Show the broker that this program is there."""
@@ -100,17 +110,20 @@ class Link(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Handle the packets that are complete."""
-        for packet, content in self._packets.take(data):
-            if packet[0] >> 4 == PUBLISH:
-                message = message_in(packet, content)
-                if message.qos:
-                    self.write(_packet(_CONFIRM, struct.pack("!H", message.packet_id)))
-                self.heard(message)
-            elif packet[0] == _SUBSCRIBE + 0x0E and not self.is_ready.done():
+        self._received += data
+        for head, body in _packets(self._received):
+            if head & 0xF0 == _PUBLISH:
+                end = 2 + int.from_bytes(body[:2], "big")
+                topic, content = body[2:end].decode(), end
+                if head & _QOS_1:
+                    content += 2
+                    self.write(_packet(_CONFIRM, body[end:content]))
+                self.heard(topic, body[content:])
+            elif head == _SUBSCRIBED and not self.is_ready.done():
                 self.is_ready.set_result(None)
 
-    def heard(self, message: Received) -> None:
-        """Take a message; a board takes none."""
+    def heard(self, topic: str, content: bytes) -> None:
+        """Take properties and payload of a message; a board takes none."""
 
 
 class Board(Link):
@@ -162,17 +175,17 @@ class Machine(Link):
 
     def __init__(self, boards: Sequence[Board]) -> None:
         self.boards = boards
-        super().__init__(f"servolink/_fleet/{boards[0].name}", [(_TOPICS.fleet("stop"), 1)])
+        topics = [(_TOPICS.board(board.name, "stop"), 1) for board in boards]
+        super().__init__(f"servolink/_fleet/{boards[0].name}", topics)
+        self._by_topic = dict(zip((topic for topic, _ in topics), boards, strict=True))
 
-    def heard(self, message: Received) -> None:
-        """Answer a stop: each board sends a word first, as a bridge does."""
-        stop = msgspec.json.decode(message.payload, type=Stop)
-        answers = []
-        for board in self.boards:
-            result = Result(id=stop.id, board=board.name, ok=True, result=StopOver(board.pulse(qos=1)))
-            payload = msgspec.json.encode(result)
-            answers.append(self.publication(message.response_topic or "", payload, correlation=message.correlation))
-        self.write(b"".join(answers))
+    def heard(self, topic: str, content: bytes) -> None:
+        """Answer a stop: a board sends a word first, as a bridge does."""
+        properties: Any = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
+        _, size = properties.unpack(content)
+        stop, board = msgspec.json.decode(content[size:], type=Stop), self._by_topic[topic]
+        result = Result(id=stop.id, board=board.name, ok=True, result=StopOver(board.pulse(qos=1)))
+        self.write(self.publication(properties.ResponseTopic, msgspec.json.encode(result)))
 
 
 class Crowd:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from benchmarks.answers import answers, exchange
 from benchmarks.goals import Goal, at_least, at_most
 from benchmarks.instant import requests
 from benchmarks.measuring import Result, Table, table
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.protocol.codec import Codec
 from servolink.transports.lifecycle import BaseTransport
 from tests.virtual_time import VirtualTimeLoop
@@ -20,8 +20,6 @@ from tests.virtual_time import VirtualTimeLoop
 DEPTHS = (1, 2, 4, 8, 16)
 STOP = 50.0
 """Milliseconds, at most, until all responses have left the board that it owes when a stop is sent."""
-SENDINGS = 1.01
-"""At most so many times a query is sent on a good line, repeats included, at any depth."""
 _SIZE = 186
 
 
@@ -62,8 +60,6 @@ class LineTransport(BaseTransport):
         """Bytes that the program has."""
         self.most_owed = 0.0
         """Seconds of responses that the board owed at most."""
-        self.sent: Counter[int] = Counter()
-        """Requests by packet id."""
 
     async def _open(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -71,7 +67,6 @@ class LineTransport(BaseTransport):
     def _send(self, data: bytes) -> None:
         line, now = self._line, self._loop.time()
         for packet_id, size in requests(data):
-            self.sent[packet_id] += 1
             self._sent_until = max(self._sent_until, now) + size / line.bytes_per_second
             answer = self._answers.get(packet_id, b"")
             begin = max(self._received_until, self._sent_until + line.turnaround)
@@ -126,13 +121,10 @@ def run(*, short: bool) -> Result:
     limits = {line.name: {depth: limit(line, depth, responses) for depth in DEPTHS} for line in LINES}
     openings = {name: of_line[1].opening for name, of_line in polls.items()}
     owed = max(poll.most_owed for of_line in polls.values() for poll in of_line.values())
-    sendings, depth = max((poll.sendings, depth) for of_line in polls.values() for depth, poll in of_line.items())
-    most = at_most(f"sendings of a query on a good line; most: depth {depth}", sendings, SENDINGS, "{:.3f}")
     return {
         "tables": [_table(shares, limits, openings)],
         "goals": [
             *_goals(shares),
-            most,
             at_most("a stop waits for responses that are owed", owed * 1000, STOP, "{:.1f} ms"),
         ],
         "shares": shares,
@@ -146,8 +138,6 @@ class Poll(NamedTuple):
 
     share: float
     """Of the line, that responses took."""
-    sendings: float
-    """Of each query."""
     opening: float
     """Seconds."""
     most_owed: float
@@ -211,16 +201,11 @@ async def _poll(line: Line, depth: int, seconds: float) -> Poll:
         opening = loop.time() - opening
         await board.servos()  # which sets the angle unit first
         began, before = loop.time(), transport.delivered
-        readings = 1
-        async for reading in board.watch():
-            readings += 1 + reading.missed
+        async for _ in board.watch():
             if loop.time() >= began + seconds:
                 break
         share = (transport.delivered - before) / line.bytes_per_second / (loop.time() - began)
-        query, _ = exchange(_SIZE)
-        under_way = board.stats.frames_sent - board.stats.frames_received
-        sendings = (transport.sent[query.packet_id] - under_way) / readings
-        return Poll(share, sendings, opening, transport.most_owed)
+        return Poll(share, opening, transport.most_owed)
 
 
 def _goals(shares: dict[str, dict[int, float]]) -> Iterator[Goal]:

@@ -17,9 +17,8 @@ from benchmarks.peers import tables
 from benchmarks.peers.damage import DAMAGES, Recall
 from benchmarks.peers.ours import Ours, Textbook
 from benchmarks.peers.peer import SIZES, Peer
-from benchmarks.peers.row import Mix, Row, measure, measure_mix
+from benchmarks.peers.row import Row, measure
 from benchmarks.peers.speed import Pace, Speed
-from benchmarks.streams import MIXES
 
 PEERS = {
     "aioesphomeapi": ("esphome", ("Esphome", "EsphomeAlone")),
@@ -28,20 +27,14 @@ PEERS = {
     "pymodbus": ("modbus", ("Socket", "RTU")),
     "dynamixel-sdk": ("dynamixel", ("Dynamixel",)),
     "pymavlink": ("mavlink", ("Mavlink",)),
-    "moteus": ("moteus", ("Moteus",)),
-    "zigpy-znp": ("znp", ("Znp",)),
-    "pyubx2": ("ubx", ("UBX",)),
     "construct": ("declared", ("Construct",)),
 }
 """What is installed, to the module here and the classes in it."""
 
-TIMES, TIMES_AT = 10.0, (14, 186)
+TIMES = 10.0
 """How many times as fast as each parser in pure Python that checks a sum, with objects beside those that make some."""
 SLOWER = {14: 1.5, 186: 1.8}
 """At most how many times as slow as aioesphomeapi, which is compiled, by frame size, in chunks of 4 KiB."""
-SLOWER_MIXED = {"44 ids of 14 bytes": 1.5}
-"""The same on streams of many kinds of frames."""
-
 
 PACES = {False: Pace(7, 8.0, 2), True: Pace(1, 0.5, 1)}
 """How exactly to measure, and how for `--short`."""
@@ -61,26 +54,20 @@ def _run(pace: Pace, *, short: bool) -> Result:
     peers, missing = installed()
     gc.freeze()  # or each would pay, now and then, for looking through what all the others have imported
     everybody: list[type[Peer]] = [Ours, *peers]
-    sizes = SIZES[:2] if short else SIZES
-    measured = [measure(peer, size, pace, short=short) for size in sizes for peer in everybody]
+    measured = [measure(peer, size, pace, short=short) for size in SIZES for peer in everybody]
     ours = [row for row in measured if row is not None and row.peer is Ours]
     rows = [row for row in measured if row is not None and row.peer is not Ours]
-    mixes = [mix for stream in MIXES for peer in peers if (mix := measure_mix(peer, stream, pace)) is not None]
     return {
         "versions": {name: version(name) for name in PEERS if name not in missing},
         "missing": missing,
         "tables": [
             tables.who(peers, missing),
-            *(tables.speeds(size, [row for row in rows if row.size == size]) for size in sizes),
-            tables.by_chunk(rows),
-            tables.by_mix(mixes),
-            tables.dirty(rows),
+            *(tables.speeds(size, [row for row in rows if row.size == size]) for size in SIZES),
             tables.recalls([*ours, *rows]),
         ],
         "rows": [row.figures for row in (*ours, *rows)],
-        "mixes": [mix.figures for mix in mixes],
         "wrong": [fault for row in ours for fault in _lost(row)],
-        "goals": goals(rows, mixes),
+        "goals": goals(rows),
     }
 
 
@@ -105,10 +92,10 @@ def _lost(row: Row) -> Iterator[str]:
             yield f"{found.found} of {found.intact} intact frames of {row.frame} bytes found ({kind})"
 
 
-def goals(rows: list[Row], mixes: list[Mix]) -> list[Goal]:
+def goals(rows: list[Row]) -> list[Goal]:
     """Return the goals beside other parsers that can be measured with what is installed."""
     found = []
-    for size in TIMES_AT:
+    for size in SIZES:
         beside = [(_alike(row.peer, row.best), row) for row in rows if row.size == size and row.best and _slow(row)]
         if beside:
             ratio, row = min(beside, key=lambda each: each[0])
@@ -121,11 +108,6 @@ def goals(rows: list[Row], mixes: list[Mix]) -> list[Goal]:
             name = f"aioesphomeapi (Cython, no checksum), {row.size} bytes"
             if row.best:
                 found.append(at_most(f"{name}, 4 KiB", 1 / row.best.times.ratio, SLOWER[row.size], slower))
-    for mix in mixes:
-        speed = mix.chunked["4096"]
-        if mix.peer.name == "aioesphomeapi" and mix.stream in SLOWER_MIXED and speed:
-            name = f"aioesphomeapi (Cython, no checksum), {mix.stream}, 4 KiB"
-            found.append(at_most(name, 1 / speed.times.ratio, SLOWER_MIXED[mix.stream], slower))
     return found
 
 

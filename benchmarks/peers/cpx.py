@@ -6,7 +6,6 @@ from functools import reduce
 from importlib import import_module
 from io import BytesIO
 from operator import xor
-from random import Random
 from typing import Any
 from unittest.mock import Mock, patch
 
@@ -52,15 +51,6 @@ class CPX(Peer):
         if size > 255:
             return None
         return _frame(_cpx.CPXPacket(_cpx.CPXFunction.CONSOLE, _cpx.CPXTarget.HOST, _cpx.CPXTarget.GAP8), size, number)
-
-    @staticmethod
-    def mixed(size: int, number: int) -> bytes | None:
-        """Return a packet with one of 7 functions, from one of 3 sources."""
-        if size > 255:
-            return None
-        random = Random(number)
-        source = random.choice([target for target in _cpx.CPXTarget if target is not _cpx.CPXTarget.HOST])
-        return _frame(_cpx.CPXPacket(random.choice(list(_cpx.CPXFunction)), _cpx.CPXTarget.HOST, source), size, number)
 
     def feed(self, chunk: bytes) -> list[Any]:
         """Read packet after packet until the port is empty."""

@@ -8,7 +8,6 @@ from typing import Any
 
 from benchmarks.peers.ours import typical
 from benchmarks.peers.peer import Peer
-from benchmarks.streams import mixed_frame
 from servolink.protocol.frame import MAGIC, encode_frame
 
 _construct = import_module("construct")
@@ -35,7 +34,6 @@ class Construct(Peer):
     resync = "one byte further (by the caller)"
     builds = True
     frame = staticmethod(typical)
-    mixed = staticmethod(mixed_frame)
 
     def __init__(self) -> None:
         """Begin a stream."""

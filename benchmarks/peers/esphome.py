@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from importlib import import_module
 from operator import is_
-from random import Random
 from typing import Any
 
 from benchmarks.peers.peer import Peer, content
@@ -46,11 +45,6 @@ class Esphome(Peer):
     def frame(size: int, number: int) -> bytes | None:
         """Return a frame of a message."""
         return _message(size, number, _TYPE)
-
-    @staticmethod
-    def mixed(size: int, number: int) -> bytes | None:
-        """Return a frame of one of 44 types."""
-        return _message(size, number, Random(number).randrange(1, 45))
 
     def feed(self, chunk: bytes) -> list[Any]:
         """Hand the chunk to the framer, which calls the receiver for each frame."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
-from random import Random
 from typing import Any
 
 from benchmarks.peers.peer import Peer, content
@@ -63,12 +62,6 @@ class Mavlink(Peer):
         else:
             return None
         return bytes(message.pack(_dialect.MAVLink(None)))
-
-    @staticmethod
-    def mixed(size: int, number: int) -> bytes | None:
-        """Return any message whose frame has about as many bytes: one of 41 kinds, or of 2."""
-        kinds = _near(size)
-        return _packed(Random(number).choice(kinds)) if kinds else None
 
     def feed(self, chunk: bytes) -> list[Any]:
         """Parse; what is no frame comes as an object of its own."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from importlib import import_module
-from random import Random
 from typing import Any, ClassVar
 
 from benchmarks.peers.peer import Peer, content
@@ -75,11 +74,6 @@ class Socket(_Modbus):
         """Return an answer with its transaction id."""
         return Socket._frame(size, number)
 
-    @staticmethod
-    def mixed(size: int, number: int) -> bytes | None:
-        """Return an answer of holding, input or written registers."""
-        return Socket._frame(size, number, Random(number).choice(_ANSWERS))
-
 
 class RTU(_Modbus):
     """The framer of Modbus over serial lines."""
@@ -95,8 +89,3 @@ class RTU(_Modbus):
     def frame(size: int, number: int) -> bytes | None:
         """Return an answer with its CRC."""
         return RTU._frame(size, number)
-
-    @staticmethod
-    def mixed(size: int, number: int) -> bytes | None:
-        """Return an answer of holding, input or written registers."""
-        return RTU._frame(size, number, Random(number).choice(_ANSWERS))

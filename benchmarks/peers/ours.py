@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from benchmarks.peers.peer import Peer
-from benchmarks.streams import mixed_frame
 from benchmarks.textbook import TextbookParser
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionListResponse
@@ -37,7 +36,6 @@ class Ours(Peer):
     fairness = "-"
     resync = "inside the damaged frame"
     frame = staticmethod(typical)
-    mixed = staticmethod(mixed_frame)
 
     def __init__(self) -> None:
         """Begin a stream."""
@@ -61,7 +59,6 @@ class OursTyped(Peer):
     resync = Ours.resync
     builds = True
     frame = staticmethod(typical)
-    mixed = staticmethod(mixed_frame)
 
     def __init__(self) -> None:
         """Begin a stream."""
@@ -86,7 +83,6 @@ class Textbook(Peer):
     fairness = "ours: `sum` is slower than adler32; theirs: no ids or lengths to check"
     resync = "one byte further"
     frame = staticmethod(typical)
-    mixed = staticmethod(mixed_frame)
 
     def __init__(self) -> None:
         """Begin a stream."""

@@ -6,8 +6,8 @@ from abc import ABC, abstractmethod
 from random import Random
 from typing import Any, ClassVar, Literal
 
-SIZES = (14, 186, 3611)
-"""Frame sizes in bytes that every parser comes as near to as its format allows: those of `streams.TYPICAL`."""
+SIZES = (14, 186)
+"""Frame sizes in bytes that every parser comes as near to as its format allows."""
 
 Feeding = Literal["chunks", "frames", "stream"]
 
@@ -39,11 +39,6 @@ class Peer(ABC):
     @abstractmethod
     def frame(size: int, number: int) -> bytes | None:
         """Return a frame of about `size` bytes that no other number has, None if the format has no such size."""
-
-    @staticmethod
-    def mixed(size: int, number: int) -> bytes | None:
-        """Return a frame of about `size` bytes whose kind changes with the number; None if the format has no kinds."""
-        return None
 
     @abstractmethod
     def feed(self, chunk: bytes) -> list[Any]:

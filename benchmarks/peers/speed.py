@@ -7,18 +7,14 @@ from dataclasses import dataclass
 from statistics import median
 
 from benchmarks.measuring import Comparison, in_turns, timed
-from benchmarks.peers.damage import Damaged, damage
 from benchmarks.peers.ours import Ours, OursTyped
 from benchmarks.peers.peer import Peer
 from benchmarks.streams import chunks
 
-_DIFFERENT = 64  # frames of one kind; a stream repeats them
-_MIXED = 264  # of many kinds
+_DIFFERENT = 64  # frames; a stream repeats them
 _LONGEST = 1 << 24  # bytes of a stream
 _STEADY = 0.1
 
-Frames = Callable[[type[Peer]], list[bytes]]
-"""The frames of a stream in the format of a parser; a shorter list than its stream, which repeats them."""
 _Stream = Callable[[type[Peer]], tuple[list[bytes], int]]
 """For a parser: what to feed it, cut as it is to be fed, and the frames that it can find in that."""
 
@@ -49,46 +45,18 @@ class Speed:
 
 def at_best(peer: type[Peer], size: int, pace: Pace) -> Speed | None:
     """Measure on nothing but frames, in chunks of 4 KiB or, for the other, as it needs them."""
-    frames = of_one_kind(size)
-    return _race(peer, lambda kind: _cut(kind, frames(kind), 4096 if kind.feeding == "chunks" else None), pace)
+    return _race(peer, lambda kind: _cut(kind, size, 4096 if kind.feeding == "chunks" else None), pace)
 
 
-def in_chunks(peer: type[Peer], frames: Frames, chunk: int | None, pace: Pace) -> Speed | None:
-    """Measure on nothing but frames, in chunks of so many bytes or (None) of one frame, both sides alike."""
-    if chunk is not None and peer.feeding == "stream":
-        return None
-    return _race(peer, lambda kind: _cut(kind, frames(kind), chunk), pace)
-
-
-def of_one_kind(size: int) -> Frames:
-    """Return frames of about `size` bytes that differ in their contents only."""
-    return lambda kind: [kind.frame(size, number) or b"" for number in range(_DIFFERENT)]
-
-
-def of_many_kinds(sizes: tuple[int, ...]) -> Frames:
-    """Return frames of as many kinds as the format has, of these sizes in turns."""
-    return lambda kind: [kind.mixed(sizes[number % len(sizes)], number) or b"" for number in range(_MIXED)]
-
-
-def dirty(peer: type[Peer], size: int, pace: Pace) -> Speed | None:
-    """Measure on frames with noise between them and bytes replaced."""
-    return _race(peer, lambda kind: _dirty(kind, size), pace)
-
-
-def _cut(peer: type[Peer], frames: list[bytes], chunk: int | None) -> tuple[list[bytes], int]:
-    """Return the stream of these frames as this parser is fed, and their number."""
+def _cut(peer: type[Peer], size: int, chunk: int | None) -> tuple[list[bytes], int]:
+    """Return a stream of frames that differ in their contents only, cut as this parser is fed, and their number."""
+    frames = [peer.frame(size, number) or b"" for number in range(_DIFFERENT)]
     if peer.feeding == "stream":
         return [b"".join(frames)], len(frames)
     if chunk is None:
         return frames, len(frames)
     frames *= -(-chunk // sum(map(len, frames)))
     return chunks(b"".join(frames), chunk), len(frames)
-
-
-def _dirty(peer: type[Peer], size: int) -> tuple[list[bytes], int]:
-    frames = [peer.frame(size, number) or b"" for number in range(_DIFFERENT * 8)]
-    damaged: Damaged = damage(frames, size, "both")
-    return damaged.chunks_for(peer, 4096), len(damaged.intact)
 
 
 def _race(peer: type[Peer], stream: _Stream, pace: Pace) -> Speed | None:

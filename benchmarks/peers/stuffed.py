@@ -36,11 +36,6 @@ class Cobs(Peer):
         inside = content(size - 3 - size // 255, number)
         return bytes(_cobs.encode(inside + bytes([sum(inside) & 0xFF]))) + b"\0"
 
-    @staticmethod
-    def mixed(size: int, number: int) -> bytes | None:
-        """Return any frame: there are no kinds, so what would cost others more costs nothing here."""
-        return Cobs.frame(size, number)
-
     def feed(self, chunk: bytes) -> list[Any]:
         """Decode between the zeros."""
         pieces = (self._held + chunk).split(b"\0")

@@ -9,20 +9,18 @@ from benchmarks.measuring import Table, table
 from benchmarks.peers.damage import DAMAGES
 from benchmarks.peers.ours import Ours, OursTyped
 from benchmarks.peers.peer import Peer
-from benchmarks.peers.row import CHUNKS, MIX_CHUNKS, Mix, Row
-from benchmarks.peers.speed import Speed
-from benchmarks.streams import MIXES
+from benchmarks.peers.row import Row
 
 MISSING = 'not installed: pip install -e ".[bench]"'
 _FEEDING = (
     "Advantage: where the comparison is unequal, and in whose favour.",
-    "Ours is fed chunks of 4 KiB. One frame a call is best for the parsers that need it; see the table of chunks.",
+    "Ours is fed chunks of 4 KiB. One frame a call is best for the parsers that need it.",
     "A comparison that spreads over more than 10 % is measured again, twice at most; the steadiest one is shown.",
     "Parsers that read from a stream object have it in memory: a real port would cost them a system call a read.",
 )
 _DAMAGE = (
     "Noise: random bytes, zeros, or a part of a frame in 40 % of the gaps.",
-    "Corruption: 1 % of all bytes replaced; 0.3 % in frames of about 186 bytes, 0.01 % in longer ones.",
+    "Corruption: 1 % of all bytes replaced; 0.3 % in frames of about 186 bytes.",
     "A frame is intact if no byte of it is replaced; each is different from all others.",
     "False frames came out of all three and were not sent so: their checksum is right by chance, or there is none.",
     "In chunks of 64 bytes, or as the parser needs to be fed; without requests and their time-outs.",
@@ -108,81 +106,3 @@ def recalls(rows: Sequence[Row]) -> Table:
 def _share(row: Row, kind: str) -> str:
     share = row.recall[kind].share
     return "100%" if share == 1 else f"{min(share, 0.999):.1%}"
-
-
-def by_chunk(rows: Sequence[Row]) -> Table:
-    """Return how many times faster ours is for each size of the chunks, both fed alike."""
-    return table(
-        "How many times faster ours is, by bytes in a chunk",
-        ("parser", "bytes", *CHUNKS),
-        [
-            (row.peer.name, f"{row.frame:,}", *(_ratio(row.chunked.get(name)) for name in CHUNKS))
-            for row in rows
-            if any(row.chunked.values())
-        ],
-        [
-            'Both are fed the same way; "-" where the other finds less than half of the frames.',
-            *(
-                _own_rates(size, [row for row in rows if row.size == size])
-                for size in sorted({row.size for row in rows})
-            ),
-        ],
-    )
-
-
-def by_mix(mixes: Sequence[Mix]) -> Table:
-    """Return how many times faster ours is on streams of many kinds of frames, alone and with objects."""
-    rows = []
-    for mix in mixes:
-        found = [(name, mix.chunked[name]) for name in MIX_CHUNKS]
-        if not any(speed for _, speed in found):
-            continue
-        typed = [_times(speed.typed.ratio) if speed and mix.peer.builds else "-" for _, speed in found]
-        rows.append((mix.peer.name, mix.stream, *(_ratio(speed) for _, speed in found), *typed))
-    return table(
-        "How many times faster ours is on streams of many kinds of frames, by bytes in a chunk",
-        ("parser", "stream", *MIX_CHUNKS, *(f"typed, {name}" for name in MIX_CHUNKS)),
-        rows,
-        [
-            "Stream: how many kinds of frames ours has of about that size, in random order.",
-            "The others have as many kinds as their format makes easy, at most 44; cobs knows none.",
-            "Typed: ours makes objects too. Parsers that read from a stream object have the whole stream there.",
-            *(f"Ours, {stream}: {_mix_rates([mix for mix in mixes if mix.stream == stream])}." for stream in MIXES),
-        ],
-    )
-
-
-def _mix_rates(mixes: Sequence[Mix]) -> str:
-    speeds = {name: [speed.ours_ns for mix in mixes if (speed := mix.chunked[name])] for name in MIX_CHUNKS}
-    return ", ".join(f"{median(found):,.0f} ns a frame ({name})" for name, found in speeds.items() if found)
-
-
-def _own_rates(size: int, rows: Sequence[Row]) -> str:
-    speeds = {name: [speed.ours_ns for row in rows if (speed := row.chunked.get(name))] for name in CHUNKS}
-    rates = [(name, median(found)) for name, found in speeds.items() if found]
-    return f"Ours, frames of {size:,} bytes: " + ", ".join(f"{1e9 / ns:,.0f}/s ({name})" for name, ns in rates) + "."
-
-
-def _ratio(speed: Speed | None) -> str:
-    return "-" if speed is None else _times(speed.times.ratio)
-
-
-def dirty(rows: Sequence[Row]) -> Table:
-    """Return how fast each is where there is noise between frames and bytes are replaced."""
-    return table(
-        "Damaged stream (noise and corruption), for each frame found",
-        ("parser", "bytes", "frames/s", "ours/s", "ours is faster by", "spread"),
-        [
-            (
-                row.peer.name,
-                f"{row.frame:,}",
-                f"{1e9 / row.dirty.ns:,.0f}",
-                f"{1e9 / row.dirty.ours_ns:,.0f}",
-                _times(row.dirty.times.ratio),
-                f"{row.dirty.times.spread:.0%}",
-            )
-            for row in rows
-            if row.dirty is not None
-        ],
-        ["Parsers that find less than half of the intact frames are left out."],
-    )

@@ -1,1 +1,0 @@
-"""Random and mutated input for everything that takes bytes: `python -m benchmarks.fuzz --minutes M`."""
