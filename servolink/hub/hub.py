@@ -248,7 +248,10 @@ class Hub:
         exchange = self._ordered(session_id, order, ticket)
         await self._units.enter(exchange.packet, exchange.program.units)
         try:
-            return await servos_of(self.board).plan(order.movement, ticket, start=order.start, planner=order.planner)
+            if refusal := self.standstill.refuse(exchange.packet, ticket, self.stops):
+                raise nothing_moved(refusal)
+            own = self.board.connection.stops.ticket(until=ticket.until, who=session_id)
+            return await servos_of(self.board).plan(order.movement, own, start=order.start, planner=order.planner)
         finally:
             self._units.leave()
 

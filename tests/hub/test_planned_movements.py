@@ -70,6 +70,29 @@ def test_a_dry_run_plans_without_the_lease_and_moves_nothing() -> None:
     with_page(use)
 
 
+def test_a_dry_run_names_stopped_servos_and_not_a_stop_that_came_earlier() -> None:
+    async def use(there: World, page: RpcProgram) -> None:
+        await page.call("stop")
+        with pytest.raises(RpcFailed, match="stopped or released") as failed:
+            await page.call("move", targets={"1": 20}, duration=1, dry_run=True)
+        assert "a stop came first" not in str(failed.value)
+        assert await page.call("move", targets={"1": 20}, duration=1, dry_run=True, start=True) == {"seconds": 1.0}
+
+    with_page(use)
+
+
+def test_a_dry_run_that_a_stop_overtakes_says_so() -> None:
+    async def use(there: World, page: RpcProgram) -> None:
+        there.fake.plan(QueryServoListRequest, late(0.5))
+        planning = page.begin("move", targets={"1": 20}, duration=1, dry_run=True)
+        await asyncio.sleep(0.1)
+        await there.hub.stop("somebody")
+        with pytest.raises(RpcFailed, match="a stop came first"):
+            await planning
+
+    with_page(use)
+
+
 def test_a_refused_movement_takes_no_lease() -> None:
     async def use(there: World, page: RpcProgram) -> None:
         with pytest.raises(RpcFailed, match="outside its limits") as failed:
