@@ -42,8 +42,7 @@ from servolink.support.platforms.process import (
 )
 from servolink.support.platforms.pseudo_terminals import PseudoTerminal
 from servolink.support.platforms.signals import WAIT, Signals
-from servolink.support.platforms.time_asleep import SleepCounter, seconds_asleep, time_with_sleep
-from servolink.support.platforms.timers import call_at
+from servolink.support.platforms.timers import SleepCounter, call_at, seconds_asleep, time_with_sleep
 from servolink.support.platforms.user_folders import others_can_read, private_folder, user_folder
 from servolink.support.script import ExitCode, run
 from servolink.support.tasks import Tasks, computed

@@ -1,6 +1,6 @@
 """What waits while the computer sleeps moves nothing afterwards.
 
-Module: servolink.support.platforms.time_asleep.
+Module: servolink.support.platforms.timers.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from servolink.support.platforms import time_asleep
+from servolink.support.platforms import timers
 
 HOUR = 3600.0
 
@@ -23,9 +23,9 @@ class Computer:
         self._now = 5000.0
         self.pauses: list[float] = []
         """Seconds that this program is not run after each of the next readings."""
-        monkeypatch.setattr(time_asleep, "time", self)
+        monkeypatch.setattr(timers, "time", self)
         if sys.platform == "win32":
-            monkeypatch.setattr(time_asleep, "sys", SimpleNamespace(platform="linux"))
+            monkeypatch.setattr(timers, "sys", SimpleNamespace(platform="linux"))
 
     def sleep(self, seconds: float = HOUR) -> None:
         """Sleep: no program runs, and only some clocks go on."""
