@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
-from servolink.motion.angles import Adc, Angle, AngleUnit, Degrees, in_unit, is_no_degree
+from servolink.motion.angles import (
+    Adc,
+    Angle,
+    AngleUnit,
+    Degrees,
+    ServoUnits,
+    carries_angles,
+    in_unit,
+    is_accepted,
+    is_no_degree,
+    servos_concerned,
+    unit_request,
+)
 from servolink.motion.limits import AngleLimits, MotionLimits, SpeedCap, degrees_per_second, motion_limits
 from servolink.motion.movement import (
     INTERVAL_UNIT,
@@ -17,7 +29,6 @@ from servolink.motion.movement import (
 )
 from servolink.motion.set_points import FRESH, ServoWay, SetPoints, checked_set_points
 from servolink.motion.ticket import NO_TICKET, STOPPED, StopCounter, Ticket
-from servolink.motion.units import ServoUnits, carries_angles, is_accepted, servos_concerned, unit_request
 
 __all__ = [
     # angles and units

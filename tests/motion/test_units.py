@@ -5,8 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.motion.angles import AngleUnit
-from servolink.motion.units import ServoUnits
+from servolink.motion.angles import AngleUnit, ServoUnits
 from servolink.protocol import ALL_SERVOS, SetAngleUnitRequest
 
 SERVOS = (1, 2, 3)
