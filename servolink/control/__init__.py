@@ -44,8 +44,7 @@ from servolink.control.notifications import (
     TapItem,
 )
 from servolink.control.peer import Methods, Peer, decode, encode, encoded
-from servolink.control.roles import Role, RoleName
-from servolink.control.scope import Origin, Scope, Touches
+from servolink.control.rights import Origin, Role, RoleName, Scope, Touches
 from servolink.control.share_address import ShareTransport, from_address, greet, this_program
 from servolink.control.status import (
     BoardState,

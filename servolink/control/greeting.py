@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 import msgspec
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
-from servolink.control.roles import RoleName
+from servolink.control.rights import RoleName
 
 VERSION = 1
 """Version of greeting, welcome, and all later messages."""

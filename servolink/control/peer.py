@@ -23,7 +23,7 @@ from msgspec.structs import asdict
 
 from servolink.control.error_codes import Code, ErrorObject, RpcError, is_defect
 from servolink.control.notifications import NAMES
-from servolink.control.scope import Origin, Scope, Touches
+from servolink.control.rights import Origin, Scope, Touches
 from servolink.errors import EncodeError, escape, quote
 from servolink.protocol import convert, quote_json
 from servolink.support import computed, read_json

@@ -18,7 +18,7 @@ from typing import cast
 import msgspec
 
 from servolink.control.greeting import VERSION, Greeting, Refusal, Welcome
-from servolink.control.roles import Role, RoleName
+from servolink.control.rights import Role, RoleName
 from servolink.errors import OpenError, escape
 from servolink.support import connect_locally, is_name, reason
 from servolink.transports import Address, StreamTransport

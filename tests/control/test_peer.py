@@ -18,8 +18,7 @@ from msgspec import Meta, Struct
 from servolink.control import peer
 from servolink.control.error_codes import Code
 from servolink.control.peer import MOST_BEGUN, MOST_NOTIFICATIONS, MOST_WAITING, Methods, Peer, encode, encoded
-from servolink.control.roles import Role
-from servolink.control.scope import Touches
+from servolink.control.rights import Role, Touches
 from servolink.errors import MotionRefused, NotFound
 from tests.virtual_time import run
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from msgspec.structs import fields
 
-from servolink.control.roles import Role
+from servolink.control.rights import Role
 from servolink.motion import carries_angles
 from servolink.protocol import ALL_SERVOS, PACKETS, ButtonEventResponse, Effect, Packet, SetServoParameterRequest
 from tests.protocol.declared import DOCUMENT

@@ -1,6 +1,6 @@
 """What the declaration of a method says: what it touches, and from where it may be called.
 
-Module: servolink.control.scope.
+Module: servolink.control.rights.
 """
 
 from __future__ import annotations
@@ -9,8 +9,7 @@ import pytest
 
 from servolink.control.error_codes import Code, RpcError
 from servolink.control.peer import Methods
-from servolink.control.roles import Role
-from servolink.control.scope import Origin, Scope, Touches
+from servolink.control.rights import Origin, Role, Scope, Touches
 
 
 def test_a_method_that_does_not_say_what_it_touches_is_not_declared() -> None:
