@@ -5,14 +5,13 @@ from __future__ import annotations
 from servolink.connection.call import Content, Lane, Settled, Slot
 from servolink.connection.connection import Connection
 from servolink.connection.deadlines import NewsTimer
-from servolink.connection.dispatcher import ResponseDispatcher
+from servolink.connection.dispatcher import NestedFrameFilter, ResponseDispatcher
 from servolink.connection.evidence import HandshakeFailed, text_between
 from servolink.connection.explain import lost, outcome_unknown, timed_out
 from servolink.connection.fences import FENCES, SERVO_LIST
 from servolink.connection.gates import Gates, UnitsChanged
 from servolink.connection.handshake import Handshake
 from servolink.connection.line_marks import LONG_PAUSE, LineBytes, Mark
-from servolink.connection.nested_frames import NestedFrameFilter
 from servolink.connection.options import (
     ConnectionOptions,
     TransmissionMode,

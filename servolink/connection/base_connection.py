@@ -10,7 +10,6 @@ from random import Random
 from threading import get_ident
 from typing import Any
 
-from servolink.connection.asking import QueryAsker
 from servolink.connection.core import ConnectionCore
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import lost
@@ -20,7 +19,7 @@ from servolink.connection.opening import Opener
 from servolink.connection.options import ConnectionOptions
 from servolink.connection.packet_connection import BoardSharing
 from servolink.connection.scheduler import MOST_ASIDE
-from servolink.connection.sender import RequestSender
+from servolink.connection.sender import QueryAsker, RequestSender
 from servolink.connection.state import ConnectionEvent, State
 from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps

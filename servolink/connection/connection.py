@@ -8,13 +8,13 @@ from contextlib import suppress
 from threading import get_ident
 from typing import Any, TypeVar, cast
 
-from servolink.connection.asking import Done
 from servolink.connection.base_connection import BaseConnection
 from servolink.connection.call import Call, Slot
 from servolink.connection.deadlines import DeadlineTimer
 from servolink.connection.explain import different_answers, other_loop, timed_out, unproved
 from servolink.connection.gates import passes_gates
 from servolink.connection.repeats import Inquiry
+from servolink.connection.sender import Done
 from servolink.connection.slots import Obstacle
 from servolink.connection.state import State
 from servolink.connection.times import PROOF_PAUSE, SLOW_PATIENCE

@@ -10,14 +10,22 @@ from typing import Any, Protocol
 from servolink.connection.call import Call, Content, Settled, Slot
 from servolink.connection.core import ConnectionCore
 from servolink.connection.explain import lost, overtaken
-from servolink.connection.nested_frames import NestedFrameFilter
 from servolink.connection.scheduler import Load
 from servolink.connection.state import State
 from servolink.connection.taps import FrameLog, is_logged
 from servolink.connection.times import QUICK
 from servolink.connection.watchdog import ResponseWatchdog
 from servolink.errors import ConnectionLost, DecodeError
-from servolink.protocol import MAGIC, OVERHEAD, ButtonEventResponse, Frame, FrameParser, LenientParser
+from servolink.protocol import (
+    MAGIC,
+    OVERHEAD,
+    ButtonEventResponse,
+    ByteOrder,
+    Frame,
+    FrameParser,
+    LenientParser,
+    encode_frame,
+)
 
 _RARE = MAGIC[-1]
 _MOST_EARLY = 4096  # bytes
@@ -342,3 +350,35 @@ class ResponseDispatcher:
             self._core.times.late()
         if load is not None and not slot.is_fence:
             load.responses += 1
+
+
+class NestedFrameFilter:
+    """Tells frames inside another frame, such as in a caption, from frames of the board.
+
+    The parser returns those right behind the frame around them, in order.
+    """
+
+    def __init__(self, byte_order: ByteOrder) -> None:
+        """Start without a frame."""
+        self._byte_order: ByteOrder = byte_order
+        self.inside = b""
+        """Rest of the latest frame behind the inner frames returned so far; empty if no frame begins inside."""
+
+    def hides(self, frame: Frame) -> bool:
+        """Return whether `frame` begins inside the latest frame. If not, remember `frame` as the latest."""
+        data = encode_frame(*frame, self._byte_order)
+        begins = self._beginning(data)
+        if begins is None:
+            self.inside = data[1:] if MAGIC in frame[1] else b""
+            return False
+        self.inside = self.inside[begins + len(data) :]
+        return True
+
+    def _beginning(self, data: bytes) -> int | None:
+        """Return the place of `data` in the latest frame, whole or up to the end of the frame."""
+        at = self.inside.find(MAGIC)
+        while at >= 0:
+            if data.startswith(self.inside[at : at + len(data)]):
+                return at
+            at = self.inside.find(MAGIC, at + 1)
+        return None

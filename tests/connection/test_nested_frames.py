@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from servolink.connection.nested_frames import NestedFrameFilter
+from servolink.connection.dispatcher import NestedFrameFilter
 from servolink.errors import RequestTimeout
 from servolink.protocol import (
     HEADER,
