@@ -1,6 +1,6 @@
 """Folder of backups and journals, and whether there may be journals of imports.
 
-Module: servolink.project.transfer.folders.
+Module: servolink.project.transfer.backups.
 """
 
 from __future__ import annotations
@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 from servolink.errors import ProjectError
-from servolink.project.transfer import folders
-from servolink.project.transfer.backups import BackupStore
-from servolink.project.transfer.folders import IMPORTS, data_folder
+from servolink.project.transfer import backups
+from servolink.project.transfer.backups import IMPORTS, BackupStore, data_folder
 
 
 def test_there_may_be_journals_where_a_file_is_or_the_folder_cannot_be_read(tmp_path: Path) -> None:
@@ -31,6 +30,6 @@ def test_a_folder_of_data_that_is_unknown_is_an_error(tmp_path: Path, monkeypatc
     def unknown(kind: str) -> str:
         raise OSError(2, "no home")
 
-    monkeypatch.setattr(folders, "user_folder", unknown)
+    monkeypatch.setattr(backups, "user_folder", unknown)
     with pytest.raises(ProjectError, match="backups of boards cannot be kept: no home"):
         data_folder()

@@ -19,9 +19,11 @@ from msgspec import Struct
 from servolink.errors import ProjectError, escape, quote
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import ProjectFile, load_project
-from servolink.project.transfer.folders import IMPORTS, data_folder
 from servolink.project.transfer.journal import Journal, journal_of
-from servolink.support import read_file, reason, write_atomically
+from servolink.support import read_file, reason, user_folder, write_atomically
+
+IMPORTS = "imports"
+"""Folder of the journals."""
 
 _SUFFIX = ".servolink.json"
 _LARGEST = 1024 * 1024
@@ -257,3 +259,11 @@ def _slug_of_encoding(caption_encoding: str) -> str:
 def _slug(url: str) -> str:
     """Return the address without options as a part of a file name; of a long address the end, which says most."""
     return re.sub(r"[^A-Za-z0-9.]+", "_", url.partition("?")[0])[-60:].strip("_.") or "board"
+
+
+def data_folder() -> Path:
+    """Return the user's folder of data. Raise ProjectError if it is unknown."""
+    try:
+        return Path(user_folder("data"))
+    except OSError as error:
+        raise ProjectError(f"backups of boards cannot be kept: {error.strerror}") from error
