@@ -23,8 +23,8 @@ PACKAGE = ROOT / "servolink"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 CEILINGS = {
-    "lines": 74_850,
-    "files": 466,
+    "lines": 74_813,
+    "files": 459,
     "names that cross rooms": 605,
     "own imports of a file, median": 5,
     "own imports of a file, 90 %": 13,

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from servolink.client import connect
+from servolink.hub.engine.unit_switch import UnitReservation
 from servolink.hub.hub import Hub, share
-from servolink.hub.rules.unit_rules import UnitReservation
 from servolink.motion import AngleUnit, ServoUnits
 from servolink.project import Project
 from servolink.protocol import (

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule
 
-from servolink.hub.rules.unit_rules import UnitReservation
+from servolink.hub.engine.unit_switch import UnitReservation
 from servolink.motion import AngleUnit, ServoUnits, is_accepted, servos_concerned, unit_request
 from servolink.protocol import (
     ALL_SERVOS,
