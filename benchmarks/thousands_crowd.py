@@ -23,8 +23,8 @@ from servolink.fleet.topics import (
     OFFLINE,
     ONLINE,
     BoardNow,
+    BoardResult,
     BoardTopic,
-    Result,
     Stop,
     StopOver,
     Stored,
@@ -184,7 +184,7 @@ class Machine(Link):
         properties: Any = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
         _, size = properties.unpack(content)
         stop, board = msgspec.json.decode(content[size:], type=Stop), self._by_topic[topic]
-        result = Result(id=stop.id, board=board.name, ok=True, result=StopOver(board.pulse(qos=1)))
+        result = BoardResult(id=stop.id, board=board.name, ok=True, result=StopOver(board.pulse(qos=1)))
         self.write(self.publication(properties.ResponseTopic, msgspec.json.encode(result)))
 
 

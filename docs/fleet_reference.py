@@ -19,9 +19,9 @@ from servolink.fleet.topics import (
     SENT,
     Echoed,
     Started,
-    Step,
     StopOver,
     Stored,
+    TransferStep,
     needs_pulse,
     schema,
     scope_of,
@@ -103,7 +103,7 @@ def fleet_reference() -> str:
     )
     own: dict[str, type[Struct]] = {payload.__name__: payload for payload, _, _ in SENT.values()}
     own |= {params.__name__: params for params, _, _ in METHODS.values()}
-    own |= {each.__name__: each for each in (Runnable, Started, StopOver, Echoed, Step, Stored)}
+    own |= {each.__name__: each for each in (Runnable, Started, StopOver, Echoed, TransferStep, Stored)}
     parts = [page, "## Payloads\n", *(section(name, own[name]) for name in sorted(own))]
     return re.sub(r"\[(\w+)\]\((?:#[\w-]+|project-file\.md)\)", lambda found: _link(found[1], own), "\n".join(parts))
 

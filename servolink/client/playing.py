@@ -95,7 +95,7 @@ class Playing:
             return run.seconds()
         playback = playback or Playback()
         playback.total_seconds = run.seconds()
-        player = _Player(self._session, run, self._interval_unit, ticket, playback)
+        player = _ProjectPlayer(self._session, run, self._interval_unit, ticket, playback)
         try:
             await player.play()
             await self._runs.until_at_rest(run, player.latest, ticket)
@@ -139,7 +139,7 @@ class Playing:
                 raise EncodeError(f"{name_of(record)}, command {number} is a delay of {command.command_id} ms")
 
 
-class _Player:
+class _ProjectPlayer:
     """Sender of the steps of a run, each at its time."""
 
     def __init__(  # all are needed for each step

@@ -297,7 +297,7 @@ _FIRMWARE = "the firmware, or a bridge, has another form of frames; no setting o
 _UPDATE = "update the firmware, or show the frame to its maker"
 
 
-class _Piece(NamedTuple):
+class _FramePiece(NamedTuple):
     """Bytes from a magic to the next one, that are no right frame."""
 
     data: bytes
@@ -310,7 +310,7 @@ class _Piece(NamedTuple):
         return len(self.data) - OVERHEAD
 
 
-def _pieces(data: bytes, byte_order: ByteOrder) -> Iterator[_Piece]:
+def _pieces(data: bytes, byte_order: ByteOrder) -> Iterator[_FramePiece]:
     right = {frame.start: frame.end for frame in frames_in(data, byte_order) if frame.fits}
     at = data.find(MAGIC)
     while at >= 0:
@@ -318,7 +318,7 @@ def _pieces(data: bytes, byte_order: ByteOrder) -> Iterator[_Piece]:
         piece = data[at : following if following >= 0 else len(data)]
         if at not in right and len(piece) >= OVERHEAD:
             _, packet_id, length = HEADER[byte_order].unpack_from(piece)
-            yield _Piece(piece, packet_id, length)
+            yield _FramePiece(piece, packet_id, length)
         at = following
 
 
@@ -346,7 +346,7 @@ def _odd_frames(data: bytes, byte_order: ByteOrder) -> Iterator[Mark]:
         return
 
 
-def _difference(piece: _Piece, arrived: Collection[int]) -> tuple[str, str] | None:
+def _difference(piece: _FramePiece, arrived: Collection[int]) -> tuple[str, str] | None:
     """Return subject and text of what makes a piece no right frame; None for damage.
 
     Bytes in `arrived` are in right frames, and so not missing on the way.
@@ -380,7 +380,7 @@ def _rule_of(frame: bytes) -> str:
     return rule and f"the checksum is not the one of the document: it is {rule}"
 
 
-def _with_right_sum(piece: _Piece, size: int) -> tuple[str, str] | None:
+def _with_right_sum(piece: _FramePiece, size: int) -> tuple[str, str] | None:
     """Return what is wrong with a piece whose checksum is right for a content of `size` bytes."""
     packet_id, length = piece.packet_id, piece.length
     if packet_id not in PACKETS:

@@ -41,16 +41,16 @@ if TYPE_CHECKING:
     from servolink.fleet.topics import PREFIX as PREFIX
     from servolink.fleet.topics import SENT as SENT
     from servolink.fleet.topics import BoardNow as BoardNow
+    from servolink.fleet.topics import BoardResult as BoardResult
     from servolink.fleet.topics import BoardTopic as BoardTopic
     from servolink.fleet.topics import Echoed as Echoed
-    from servolink.fleet.topics import Result as Result
     from servolink.fleet.topics import ServosNow as ServosNow
     from servolink.fleet.topics import Started as Started
-    from servolink.fleet.topics import Step as Step
     from servolink.fleet.topics import Stop as Stop
     from servolink.fleet.topics import StopOver as StopOver
     from servolink.fleet.topics import Stored as Stored
     from servolink.fleet.topics import Topics as Topics
+    from servolink.fleet.topics import TransferStep as TransferStep
     from servolink.fleet.topics import schema as schema
     from servolink.fleet.transfer import BoardPlan as BoardPlan
     from servolink.fleet.transfer import Transfer as Transfer
@@ -109,11 +109,11 @@ else:
             "OFFLINE",
             "ONLINE",
             "PREFIX",
-            "Result",
+            "BoardResult",
             "SENT",
             "ServosNow",
             "Started",
-            "Step",
+            "TransferStep",
             "Stop",
             "StopOver",
             "Stored",

@@ -29,7 +29,7 @@ from servolink.fleet.pulse import PulseLink, StopBarrier
 from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.stop_handler import StopHandler
 from servolink.fleet.topics import METHODS as OWN
-from servolink.fleet.topics import MOST_BYTES, Cancel, Command, Prepare, needs_pulse, scope_of
+from servolink.fleet.topics import MOST_BYTES, BoardCommand, Cancel, Prepare, needs_pulse, scope_of
 from servolink.hub import METHODS
 from servolink.motion import Ticket
 from servolink.protocol import convert
@@ -51,7 +51,7 @@ _INTERRUPTED = "the command was interrupted, and the outcome is unknown; the com
 class _Accepted(NamedTuple):
     """Accepted command, to be carried out."""
 
-    command: Command
+    command: BoardCommand
     sender: Sender
     ticket: Ticket
     acknowledge: Callable[[], None]
@@ -123,7 +123,7 @@ class CommandHandler:
         try:
             value = _read(message)
             command_id = _id_in(value)
-            command: Command = _converted(value, Command)
+            command: BoardCommand = _converted(value, BoardCommand)
             if self._is_repeated(message, command, digest, sender):
                 acknowledge()
                 return
@@ -155,7 +155,7 @@ class CommandHandler:
 
     # --- checks ------------------------------------------------------------------------------------------------
 
-    def _is_repeated(self, message: Received, command: Command, digest: str, sender: Sender) -> bool:
+    def _is_repeated(self, message: Received, command: BoardCommand, digest: str, sender: Sender) -> bool:
         """Return whether a command came before, and must not be judged again. A refused command stays refused."""
         if message.is_retained:
             if command.id in self._refused_retained:
@@ -179,7 +179,7 @@ class CommandHandler:
         self._log("info", f"{escape(command.method)} {command.id} was delivered again, and is not repeated")
         return True
 
-    def _checked(self, message: Received, command: Command, link: PulseLink) -> Ticket:
+    def _checked(self, message: Received, command: BoardCommand, link: PulseLink) -> Ticket:
         """Return the ticket of a command. Raise RpcError for a forbidden command."""
         self._check_method(command.method)
         if command.method in _IN_ORDER and self._barrier.rejects(command.pulse):
@@ -235,7 +235,7 @@ class CommandHandler:
         else:
             self._answers.succeed(command.id, sender, result)
 
-    def _note(self, command: Command, digest: str, sender: Sender) -> Awaitable[None]:
+    def _note(self, command: BoardCommand, digest: str, sender: Sender) -> Awaitable[None]:
         """Make a command known, and return the awaitable of the log entry."""
         entry = LogEntry(command.id, digest, time.time(), sender.response_topic, sender.correlation)
         try:
@@ -333,7 +333,7 @@ def _id_in(value: Any) -> str | None:
     """Return the command id of a message, or None for a message without a valid id."""
     found = value.get("id") if isinstance(value, dict) else None
     try:
-        return msgspec.convert({"id": found, "method": ""}, Command).id
+        return msgspec.convert({"id": found, "method": ""}, BoardCommand).id
     except msgspec.ValidationError:
         return None
 

@@ -26,10 +26,10 @@ from servolink.fleet.topics import (
     DEFAULT_EXPIRY,
     MOST_BYTES,
     UNREADABLE,
+    BoardCommand,
+    BoardResult,
     BoardTopic,
-    Command,
     Echo,
-    Result,
     Topics,
     scope_of,
 )
@@ -142,7 +142,7 @@ class Controller:
         if needs_word and not self._may_move:
             raise ServolinkError(f"{board}: this program has connected without `may_move`, which {method} needs")
         word = pulse or (seen.pulse if seen is not None and needs_word else None)
-        command = Command(message_id, method, _plain(params), self.who, word)
+        command = BoardCommand(message_id, method, _plain(params), self.who, word)
         payload = encode(command)
         if len(payload) > MOST_BYTES:
             raise ServolinkError(f"{board}: {method} is longer than {MOST_BYTES >> 20} MiB, the most that is sent")
@@ -234,7 +234,7 @@ class Controller:
         with self.pending_command(message_id) as marker:
             # Sent to this program itself: arrives after the messages of the subscriptions. A broker that sends
             # in another order is given some quiet time.
-            result = msgspec.json.encode(Result(id=message_id, board="-", ok=True))
+            result = msgspec.json.encode(BoardResult(id=message_id, board="-", ok=True))
             gone = loop.time() + patience
             await self.publish(self._marker, result, expires=patience, deadline=gone)
             deadline = loop.time() + _MOST_SETTLING
@@ -273,7 +273,7 @@ class Controller:
     def _take_result(self, board: str, payload: bytes) -> None:
         """Take a result from the topic of `board`; one that names another board is a forgery, or a fault."""
         try:
-            result = decode(payload, Result)
+            result = decode(payload, BoardResult)
         except UNREADABLE as error:
             _logger.warning("a result cannot be read: %s", escape(str(error))[:200])
             return

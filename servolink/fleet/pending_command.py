@@ -10,11 +10,11 @@ import msgspec
 from msgspec import UNSET
 
 from servolink.errors import RequestError, ServolinkError
-from servolink.fleet.topics import Result, Step
+from servolink.fleet.topics import BoardResult, TransferStep
 
 T = TypeVar("T")
 
-OnStep = Callable[[Step], None]
+OnStep = Callable[[TransferStep], None]
 """Called with each step of a long command."""
 
 
@@ -24,7 +24,7 @@ class PendingCommand:
     def __init__(self, message_id: str, *, board: str | None = None, on_step: OnStep | None = None) -> None:
         """Wait for results with the id `message_id`, of `board` or of any board."""
         self.id = message_id
-        self.results: dict[str, Result] = {}
+        self.results: dict[str, BoardResult] = {}
         """Results by board, in order of arrival."""
         self.seconds: dict[str, float] = {}
         """When each came, in seconds of the clock of the event loop."""
@@ -38,7 +38,7 @@ class PendingCommand:
         self._on_step = on_step
         self._changed = asyncio.Event()
 
-    def take(self, result: Result) -> None:
+    def take(self, result: BoardResult) -> None:
         """Take a result or a step."""
         if self.board not in {None, result.board}:
             return
@@ -78,7 +78,7 @@ class PendingCommand:
         return self.awaited
 
 
-def failure_of(result: Result) -> ServolinkError | None:
+def failure_of(result: BoardResult) -> ServolinkError | None:
     """Return the error of the library for a reported failure; None after success."""
     if result.ok is True:
         return None

@@ -19,7 +19,7 @@ from servolink.support import is_name
 FILE = "fleet.toml"
 
 
-class _Table(Struct, forbid_unknown_fields=True):
+class _PolicyTable(Struct, forbid_unknown_fields=True):
     """Table of the file; missing settings come from `default`."""
 
     allow: RoleName | UnsetType = UNSET
@@ -28,8 +28,8 @@ class _Table(Struct, forbid_unknown_fields=True):
 
 
 class _File(Struct, forbid_unknown_fields=True):
-    default: _Table = msgspec.field(default_factory=_Table)
-    boards: dict[str, _Table] = {}
+    default: _PolicyTable = msgspec.field(default_factory=_PolicyTable)
+    boards: dict[str, _PolicyTable] = {}
     groups: Any = None
     """See `servolink.fleet.groups`."""
 
@@ -108,7 +108,7 @@ def _checked(file: _File) -> FleetFile:
     return FleetFile(default, boards)
 
 
-def _merged(default: BoardPolicy, table: _Table, where: str) -> BoardPolicy:
+def _merged(default: BoardPolicy, table: _PolicyTable, where: str) -> BoardPolicy:
     given = {name: value for name in table.__struct_fields__ if (value := getattr(table, name)) is not UNSET}
     for servo, pair in given.get("angles", {}).items():
         if servo != "all" and not (servo.isascii() and servo.isdecimal()):

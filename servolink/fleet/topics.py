@@ -180,7 +180,7 @@ class LogLine(Struct, frozen=True):
 # --- to a board, and back ---------------------------------------------------------------------------------------------
 
 
-class Command(Struct, forbid_unknown_fields=True):
+class BoardCommand(Struct, forbid_unknown_fields=True):
     """Method to carry out, once however often delivered. Sent to `cmd`, with a message expiry."""
 
     id: CommandId
@@ -274,7 +274,7 @@ class Echoed(Struct, frozen=True):
     monotonic: Annotated[float, about("when it was received; comparable between boards of one machine")]
 
 
-class Step(Struct, frozen=True):
+class TransferStep(Struct, frozen=True):
     """How far a command is: export, plan, apply, rollback, and changes of records."""
 
     phase: Phase
@@ -283,7 +283,7 @@ class Step(Struct, frozen=True):
     item: Annotated[str, about("such as `action 3`")]
 
 
-class Result(Struct, frozen=True, kw_only=True, omit_defaults=True):
+class BoardResult(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Answer to a command. Sent to `result`, or to the response topic of the command if that is below `result`.
 
     A message with `progress` is not the answer yet: it has no `ok`.
@@ -294,7 +294,7 @@ class Result(Struct, frozen=True, kw_only=True, omit_defaults=True):
     ok: bool | UnsetType = UNSET
     result: Annotated[Any, about("what the method returns, if `ok`")] = UNSET
     error: Annotated[ErrorObject | UnsetType, about("why it was not done, unless `ok`")] = UNSET
-    progress: Step | UnsetType = UNSET
+    progress: TransferStep | UnsetType = UNSET
 
 
 SENT: dict[str, tuple[type[Struct], int, bool]] = {
@@ -303,8 +303,8 @@ SENT: dict[str, tuple[type[Struct], int, bool]] = {
     "vitals": (Vitals, 0, True),
     "event": (EventNow, 1, False),
     "log": (LogLine, 0, False),
-    "result": (Result, 1, False),
-    "cmd": (Command, 1, False),
+    "result": (BoardResult, 1, False),
+    "cmd": (BoardCommand, 1, False),
     "press": (Press, 0, False),
     "start": (Start, 1, False),
     "stop": (Stop, 1, False),

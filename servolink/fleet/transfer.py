@@ -14,7 +14,7 @@ from servolink.errors import EncodeError, ProjectError, ServolinkError
 from servolink.fleet.controller import Controller
 from servolink.fleet.each import Outcomes, Work, for_each
 from servolink.fleet.pending_command import result_as
-from servolink.fleet.topics import Step
+from servolink.fleet.topics import TransferStep
 from servolink.project import Project, ProjectFile, save_project
 from servolink.protocol import convert
 
@@ -25,7 +25,7 @@ PARALLEL = 8
 PATIENCE = 30.0
 """Seconds without a step after which a board counts as silent."""
 
-OnBoardStep = Callable[[str, Step], None]
+OnBoardStep = Callable[[str, TransferStep], None]
 """Called with each step of each board."""
 OnOutcome = Callable[[str, ServolinkError | None], None]
 """Called with each finished board, and the error of a failure."""
@@ -53,7 +53,7 @@ class BoardPlan(Struct, frozen=True):
         return bool(self.what or self.inconsistencies or self.is_unfinished)
 
 
-def ignore_step(board: str, step: Step) -> None:
+def ignore_step(board: str, step: TransferStep) -> None:
     """Ignore a step."""
 
 
@@ -119,7 +119,7 @@ class Transfer:
         return await self._each(export)
 
     async def _ask(self, board: str, method: str, params: Mapping[str, Any]) -> Any:
-        def on_step(step: Step) -> None:
+        def on_step(step: TransferStep) -> None:
             self._on_step(board, step)
 
         return await self._controller.call(board, method, params, patience=PATIENCE, on_step=on_step)
@@ -132,7 +132,7 @@ class Transfer:
 
 def _plan(board: str, found: Any) -> BoardPlan:
     """Return the plan of a board, without records: for hundreds of boards, those need much memory."""
-    planned = result_as(board, found, _Planned)
+    planned = result_as(board, found, _BoardPlanned)
     changes = planned.changes
     return BoardPlan(
         tuple(change.what for change in changes),
@@ -144,24 +144,24 @@ def _plan(board: str, found: Any) -> BoardPlan:
     )
 
 
-class _Change(Struct):
+class _ChangeSent(Struct):
     what: str
     old: Any = None
     new: Any = None
 
 
-class _Memory(Struct):
+class _MemoryAfter(Struct):
     warning: str | None = None
 
 
-class _Planned(Struct):
+class _BoardPlanned(Struct):
     """Fields used from the result of `project.plan`."""
 
-    changes: tuple[_Change, ...]
+    changes: tuple[_ChangeSent, ...]
     inconsistencies: tuple[str, ...]
     estimated_seconds: float
     is_unfinished: bool
-    memory: _Memory | None = None
+    memory: _MemoryAfter | None = None
 
 
 def _project(board: str, found: Any) -> tuple[Project, bool]:

@@ -23,7 +23,7 @@ from servolink.fleet.mqtt_client import MqttOptions
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.pulse import PulseLink
 from servolink.fleet.stop_handler import read_stop
-from servolink.fleet.topics import UNREADABLE, Command, Echo, Echoed, FleetTopic, Press, Start, Started, Topics
+from servolink.fleet.topics import UNREADABLE, BoardCommand, Echo, Echoed, FleetTopic, Press, Start, Started, Topics
 from servolink.support import Tasks
 
 _OF_ALL: Mapping[FleetTopic, int] = {"stop": 1, "start": 1, "echo": 0}
@@ -106,7 +106,7 @@ class Urgent:
         except UNREADABLE as error:
             self._bridges[name].telemetry.log("warning", f"a press cannot be read: {error}")
             return
-        command = Command(f"press-{secrets.token_hex(8)}", press.method, press.params, press.who)
+        command = BoardCommand(f"press-{secrets.token_hex(8)}", press.method, press.params, press.who)
         asked = message._replace(payload=msgspec.json.encode(command), expiry=_PRESS_SECONDS)
         self._bridges[name].commands.receive(asked, self._link, lambda: None)
 

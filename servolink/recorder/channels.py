@@ -59,7 +59,7 @@ class PacketSeen(Struct, frozen=True, omit_defaults=True):
     data: Annotated[bytes, _about("content of a frame with an error, or the first bytes outside of frames")] = b""
 
 
-class ServoState(Struct, frozen=True, omit_defaults=True):
+class RecordedServo(Struct, frozen=True, omit_defaults=True):
     """State of a servo as reported by the board."""
 
     servo_id: int
@@ -76,7 +76,7 @@ class ServoState(Struct, frozen=True, omit_defaults=True):
 class ServosRead(Struct, frozen=True, omit_defaults=True):
     """Reading of all servos at a time."""
 
-    servos: tuple[ServoState, ...]
+    servos: tuple[RecordedServo, ...]
     missed: Annotated[int, _about("readings left out directly before")] = 0
 
 
@@ -195,7 +195,7 @@ _FIRST = {"seconds": float, "time_ns": int}
 def columns(kind: type) -> dict[str, Any]:
     """Return the columns of a table with messages of one kind: names, with the types of the values."""
     if kind is ServosRead:  # without captions, as in the file of `servolink watch`
-        servo = {name: hint for name, hint in get_type_hints(ServoState).items() if name != "caption"}
+        servo = {name: hint for name, hint in get_type_hints(RecordedServo).items() if name != "caption"}
         return _FIRST | servo | {"missed": int}
     hints = get_type_hints(kind)
     return _FIRST | {"took_seconds" if name in _FIRST else name: hint for name, hint in hints.items()}

@@ -9,7 +9,7 @@ from typing import TypeAlias, cast
 from servolink.client import Alarm, AlarmWatch, Board, Servo
 from servolink.errors import ServolinkError
 from servolink.motion import Angle, AngleUnit
-from servolink.recorder.channels import Event, Message, ProblemFound, ServosRead, ServoState
+from servolink.recorder.channels import Event, Message, ProblemFound, RecordedServo, ServosRead
 
 Take: TypeAlias = Callable[[float, Message], None]
 """Takes a message with its time: seconds on the clock of the event loop. Neither waits nor raises."""
@@ -57,9 +57,9 @@ class ReadingsFeed:
                 return
 
 
-def _state(servo: Servo) -> ServoState:
+def _state(servo: Servo) -> RecordedServo:
     unit = cast("AngleUnit", servo.angle.unit) if isinstance(servo.angle, Angle) else ""
-    return ServoState(
+    return RecordedServo(
         servo.servo_id,
         int(servo.angle),
         unit,

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from servolink.recorder.channels import CommandDone, Event, Message, PacketSeen, ProblemFound, ServosRead, ServoState
+from servolink.recorder.channels import CommandDone, Event, Message, PacketSeen, ProblemFound, RecordedServo, ServosRead
 from servolink.recorder.reading import GOOD, Entry
 from servolink.recorder.round_trips import RoundTrip, RoundTrips, Times, response_name
 
@@ -41,13 +41,13 @@ class Requests:
 class ServoRange:
     """Ranges of the values reported by a servo."""
 
-    def __init__(self, state: ServoState) -> None:
+    def __init__(self, state: RecordedServo) -> None:
         self.caption = state.caption
         self.angles = [state.angle, state.angle]
         self.most_current = state.current_raw
         self.most_temperature = state.temperature_raw
 
-    def take(self, state: ServoState) -> None:
+    def take(self, state: RecordedServo) -> None:
         """Take another report of the servo."""
         self.caption = state.caption or self.caption
         self.angles = [min(self.angles[0], state.angle), max(self.angles[1], state.angle)]

@@ -14,7 +14,7 @@ from servolink.fleet.access import BrokerAccess
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.broker_messages import Publication, Received
 from servolink.fleet.mqtt_client import MqttOptions
-from servolink.fleet.topics import BoardNow, Command, FleetTopic, Result, Stored, Topics
+from servolink.fleet.topics import BoardCommand, BoardNow, BoardResult, FleetTopic, Stored, Topics
 from servolink.support import Tasks
 from tests.fleet.bridged import running
 from tests.fleet.mosquitto import Broker
@@ -39,7 +39,7 @@ class StandIn:
             board=name, host="here", version="0.1.0", connection="connected", allow="edit", at=0.0, **known
         )
         self.answers: dict[str, Callable[[dict[str, Any]], Any]] = {"stop": lambda params: {}}
-        self.commands: list[Command] = []
+        self.commands: list[BoardCommand] = []
         self.stops = 0
         self.is_silent = False
         self.heard: list[Received] = []
@@ -67,26 +67,26 @@ class StandIn:
         """Answer each command in a task of its own."""
         self.heard.append(message)
         if message.topic.endswith("/cmd"):
-            command = msgspec.json.decode(message.payload, type=Command)
+            command = msgspec.json.decode(message.payload, type=BoardCommand)
             self.commands.append(command)
         else:
             given = msgspec.json.decode(message.payload)
             method = message.topic.rpartition("/")[2]
             self.stops += method == "stop"
-            command = Command(given["id"], method, given)
+            command = BoardCommand(given["id"], method, given)
         self._answering.begin(self._answer(command, message))
 
-    async def _answer(self, command: Command, message: Received) -> None:
+    async def _answer(self, command: BoardCommand, message: Received) -> None:
         if self.is_silent:
             return
         await asyncio.sleep(self.delay)
-        result = Result(id=command.id, board=self.name, ok=True, result={})
+        result = BoardResult(id=command.id, board=self.name, ok=True, result={})
         try:
             found = self.answers[command.method](command.params)
-            result = Result(id=command.id, board=self.name, ok=True, result=found)
+            result = BoardResult(id=command.id, board=self.name, ok=True, result=found)
         except Refused as error:
             told = ErrorObject(1, str(error), ErrorData(error.kind, ""))
-            result = Result(id=command.id, board=self.name, ok=False, error=told)
+            result = BoardResult(id=command.id, board=self.name, ok=False, error=told)
         except KeyError:
             return
         for _ in range(self.copies):

@@ -18,7 +18,7 @@ from servolink.fleet.controller import Controller
 from servolink.fleet.pending_command import PendingCommand
 from servolink.fleet.roster import Roster
 from servolink.fleet.stop_boards import stop_all
-from servolink.fleet.topics import Result, Topics
+from servolink.fleet.topics import BoardResult, Topics
 
 
 class Network:
@@ -44,7 +44,7 @@ class Network:
         return len(self._exchange.awaited)
 
     def answer(self, board: str) -> None:
-        self._exchange.take(Result(id=self._exchange.id, board=board, ok=True))
+        self._exchange.take(BoardResult(id=self._exchange.id, board=board, ok=True))
 
     @contextmanager
     def pending_command(self, message_id: str) -> Iterator[PendingCommand]:

@@ -9,7 +9,7 @@ import pytest
 
 from servolink.errors import InvalidAddress
 from servolink.fleet.topics import METHODS as OWN
-from servolink.fleet.topics import Command, Result, Topics, needs_pulse, schema, scope_of
+from servolink.fleet.topics import BoardCommand, BoardResult, Topics, needs_pulse, schema, scope_of
 from servolink.hub import METHODS
 
 
@@ -93,7 +93,7 @@ def test_a_user_whom_no_topic_can_carry_reads_with_all_of_these(user: str | None
 
 
 def test_a_result_has_only_the_fields_that_say_something() -> None:
-    assert msgspec.json.encode(Result(id="a", board="rex", ok=True, result={})) == (
+    assert msgspec.json.encode(BoardResult(id="a", board="rex", ok=True, result={})) == (
         b'{"id":"a","board":"rex","ok":true,"result":{}}'
     )
 
@@ -101,7 +101,7 @@ def test_a_result_has_only_the_fields_that_say_something() -> None:
 @pytest.mark.parametrize("command_id", ["", "a b", "a\n", "x" * 65, "#"])
 def test_an_id_is_a_short_word(command_id: str) -> None:
     with pytest.raises(msgspec.ValidationError):
-        msgspec.convert({"id": command_id, "method": "status"}, Command)
+        msgspec.convert({"id": command_id, "method": "status"}, BoardCommand)
 
 
 FROM_AFAR = """

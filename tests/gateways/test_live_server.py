@@ -23,7 +23,7 @@ import pytest
 from mcap.reader import make_reader
 
 from servolink.client import connect
-from servolink.recorder import CHANNELS, Event, Recording, ServosRead, ServoState
+from servolink.recorder import CHANNELS, Event, RecordedServo, Recording, ServosRead
 from tests.cli.programs import call, finished, started
 from tests.extras import hide
 from tests.gateways.robots import GUARD, RobotSeen, supervised_robot
@@ -204,7 +204,7 @@ def test_the_end_of_a_client_stops_what_it_moved() -> None:
 def test_messages_of_any_time_are_shown(tmp_path: Path) -> None:
     context = foxglove.Context()
     channels = LiveChannels(context, template("humanoid-16"))
-    state = ServoState(1, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
+    state = RecordedServo(1, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
     with foxglove.open_mcap(tmp_path / "out.mcap", context=context):
         for message in (ServosRead((state,)), Event("mark", "mark", text="here")):
             for time in (0, 2**64 - 1):
@@ -237,7 +237,7 @@ def test_a_pose_keeps_the_lower_foot_flat() -> None:
 
 
 def test_a_recording_is_shown_and_written_with_all_channels(tmp_path: Path) -> None:
-    state = ServoState(1, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
+    state = RecordedServo(1, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
     recording = write(tmp_path / "in.mcap", [(0.0, ServosRead((state,))), (1.0, Event("mark", "mark", text="here"))])
     words = ("--recording", str(recording), "--project", str(DEMO), "--mcap", str(tmp_path / "out.mcap"))
     serving = started("foxglove", *words, "--listen", "127.0.0.1:0", "--json")
@@ -263,7 +263,7 @@ def test_a_recording_is_shown_and_written_with_all_channels(tmp_path: Path) -> N
 def test_a_recording_is_converted_with_the_same_channels(
     tmp_path: Path, figure: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    state = ServoState(1, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
+    state = RecordedServo(1, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
     recording = write(tmp_path / "in.mcap", [(0.0, ServosRead((state,))), (1.0, Event("mark", "mark", text="here"))])
     words = ("convert", str(recording), "--foxglove", *(("--project", str(DEMO)) if figure else ()))
     out = tmp_path / "in.foxglove.mcap"

@@ -12,7 +12,16 @@ import pytest
 
 from servolink.errors import RecordingError
 from servolink.recorder.backlog import Backlog
-from servolink.recorder.channels import WIRE_ONLY, Event, Message, ProblemFound, Recorded, ServosRead, ServoState, Wire
+from servolink.recorder.channels import (
+    WIRE_ONLY,
+    Event,
+    Message,
+    ProblemFound,
+    Recorded,
+    RecordedServo,
+    ServosRead,
+    Wire,
+)
 from servolink.recorder.clock import Clock
 from servolink.recorder.reading import Recording
 from servolink.recorder.recording_file import RecordingFile
@@ -20,7 +29,7 @@ from servolink.recorder.writer import RecordingWriter
 from tests.recorder.bad_disk import BadDisk
 
 ABOUT = Recorded("0", "2026-11-22T16:00:00Z", "rex", "board", channels=WIRE_ONLY)
-SERVOS = ServosRead((ServoState(1, 90, "degree", 3, 40, 1, is_start=True, is_hold=True),) * 16)
+SERVOS = ServosRead((RecordedServo(1, 90, "degree", 3, 40, 1, is_start=True, is_hold=True),) * 16)
 
 
 def read(path: Path) -> list[Message]:

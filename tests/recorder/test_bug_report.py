@@ -41,8 +41,8 @@ from servolink.recorder.channels import (
     Message,
     PacketSeen,
     ProblemFound,
+    RecordedServo,
     ServosRead,
-    ServoState,
     Wire,
     decode,
     encode,
@@ -103,7 +103,7 @@ def test_rest_behind_the_end_of_a_caption_is_blanked() -> None:
     assert PRIVATE.encode() not in blank_stream(bytes(frame), "little")
 
 
-STATE = ServoState(1, 30.0, "degree", 3, 250, 1, is_start=True, is_hold=True, caption=PRIVATE)
+STATE = RecordedServo(1, 30.0, "degree", 3, 250, 1, is_start=True, is_hold=True, caption=PRIVATE)
 FIELDS = {"action_id": 3, "action_caption": PRIVATE, PRIVATE: 1, "steps": [{"servo_id": 1, PRIVATE: PRIVATE}, PRIVATE]}
 WIRE = Codec().encode(AddActionRequest(3, PRIVATE, (Step(1, 30, 50),)))
 MESSAGES: list[tuple[float, Message]] = [

@@ -15,8 +15,8 @@ from servolink.recorder.channels import (
     Message,
     PacketSeen,
     ProblemFound,
+    RecordedServo,
     ServosRead,
-    ServoState,
     Wire,
     decode,
     encode,
@@ -26,7 +26,7 @@ from servolink.recorder.channels import (
 MESSAGES: dict[str, Message] = {
     "/wire": Wire("sent", b"\x00\xff", 1.25),
     "/packets": PacketSeen("received", 30021, "QueryActionResponse", {"action_id": 3}, 40),
-    "/servos": ServosRead((ServoState(1, 90, "degree", 3, 40, 1, is_start=True, is_hold=True, caption="knee"),), 2),
+    "/servos": ServosRead((RecordedServo(1, 90, "degree", 3, 40, 1, is_start=True, is_hold=True, caption="knee"),), 2),
     "/events": Event("button", "press", button_id=7),
     "/commands": CommandDone("SetAngleUnitRequest", {"servo_id": 255}, "answered", 0.002, "studio", "a1", "studio"),
     "/problems": ProblemFound("dropped", "the disk is slow", "/servos", 12),

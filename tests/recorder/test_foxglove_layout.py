@@ -9,12 +9,12 @@ from typing import Any
 
 from mcap.reader import make_reader
 
-from servolink.recorder.channels import CHANNELS, ServosRead, ServoState
+from servolink.recorder.channels import CHANNELS, RecordedServo, ServosRead
 from tests.recorder.files import write
 
 LAYOUT = json.loads((Path(__file__).parents[2] / "docs/examples/foxglove-layout.json").read_text())
 _PATH = re.compile(r"(/\w+)\.(\w+)\[:\]\{(\w+)==(\d+)\}\.(\w+)")
-STATE = ServoState(3, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
+STATE = RecordedServo(3, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
 
 
 def placed(node: Any) -> list[str]:

@@ -11,7 +11,16 @@ import pytest
 
 import servolink
 from servolink import RecordingError
-from servolink.recorder.channels import CHANNELS, CommandDone, Event, PacketSeen, ServosRead, ServoState, Wire, columns
+from servolink.recorder.channels import (
+    CHANNELS,
+    CommandDone,
+    Event,
+    PacketSeen,
+    RecordedServo,
+    ServosRead,
+    Wire,
+    columns,
+)
 from servolink.recorder.reading import Recording, Selection
 from servolink.testing import FakeBoard, run
 from tests import processes
@@ -79,8 +88,8 @@ def test_messages_are_read_again_in_each_loop_and_in_loops_within_loops(path: Pa
 
 
 def test_what_is_no_kind_of_message_is_refused(path: Path) -> None:
-    with pytest.raises(TypeError, match=r"kind must be a class of messages \(Wire, .*\), not .*ServoState"):
-        servolink.recorder.open_recording(path).messages(ServoState)  # type: ignore[type-var]
+    with pytest.raises(TypeError, match=r"kind must be a class of messages \(Wire, .*\), not .*RecordedServo"):
+        servolink.recorder.open_recording(path).messages(RecordedServo)  # type: ignore[type-var]
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:

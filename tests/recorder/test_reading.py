@@ -23,15 +23,15 @@ from servolink.recorder.channels import (
     Message,
     PacketSeen,
     ProblemFound,
+    RecordedServo,
     ServosRead,
-    ServoState,
     Wire,
 )
 from servolink.recorder.mcap_reader import LARGEST, MAGIC
 from servolink.recorder.reading import Recording, Selection
 from tests.recorder.files import START, write
 
-SERVO = ServoState(3, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
+SERVO = RecordedServo(3, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
 MESSAGES: list[tuple[float, Message]] = [
     (0.0, Wire("sent", b"\x13\x4c", 1.0)),
     (0.5, PacketSeen("sent", 20040, "SetAngleUnitRequest", {"servo_id": 3, "unit_type": 0}, 11)),

@@ -14,8 +14,8 @@ from servolink.recorder.channels import (
     Message,
     PacketSeen,
     ProblemFound,
+    RecordedServo,
     ServosRead,
-    ServoState,
 )
 from servolink.recorder.reading import Entry
 from servolink.recorder.recording_summary import Summary
@@ -103,8 +103,8 @@ def test_packets_are_told_with_their_responses() -> None:
 
 def test_figures() -> None:
     summary = Summary()
-    state = ServoState(3, 10.0, "degree", 5, 300, 1, is_start=True, is_hold=True, caption="hip")
-    warmer = ServoState(3, -4.0, "degree", 9, 280, 1, is_start=True, is_hold=True)
+    state = RecordedServo(3, 10.0, "degree", 5, 300, 1, is_start=True, is_hold=True, caption="hip")
+    warmer = RecordedServo(3, -4.0, "degree", 9, 280, 1, is_start=True, is_hold=True)
     passed = entries(
         (0.0, ASK),
         (0.01, ANSWER),

@@ -21,7 +21,7 @@ from servolink.project import Project, ProjectFile
 from servolink.support import ExitCode
 
 if TYPE_CHECKING:
-    from servolink.fleet import BoardPlan, Fleet, Outcomes, Step
+    from servolink.fleet import BoardPlan, Fleet, Outcomes, TransferStep
 
 _MOST_PARALLEL = 200
 _UNCHANGED = "no board was changed"
@@ -249,7 +249,7 @@ def _progress(label: str, total: int) -> Iterator[tuple[_OnStep, _OnOutcome]]:
         return
     with progress_bar(label, total) as (bar, task):
 
-        def on_step(board: str, step: Step) -> None:
+        def on_step(board: str, step: TransferStep) -> None:
             bar.update(task, item=escape(f"{board}: {PHASES[step.phase]} {step.done} of {step.total}"))
 
         yield on_step, lambda board, error: bar.advance(task)
@@ -258,5 +258,5 @@ def _progress(label: str, total: int) -> Iterator[tuple[_OnStep, _OnOutcome]]:
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    _OnStep = Callable[[str, Step], None]
+    _OnStep = Callable[[str, TransferStep], None]
     _OnOutcome = Callable[[str, ServolinkError | None], None]

@@ -10,7 +10,7 @@ import pytest
 
 from servolink.client import connect
 from servolink.protocol import ExecuteActionRequest, ExecuteMacroRequest, Step
-from servolink.recorder import ServosRead, ServoState
+from servolink.recorder import RecordedServo, ServosRead
 from servolink.virtual import VirtualBoard, save_state
 from tests.cli.programs import call, finished, started
 from tests.cli.terminals import in_terminal
@@ -51,7 +51,7 @@ def test_speed_changes_nothing_but_the_time(speed: str, capsys: pytest.CaptureFi
 
 @pytest.mark.usefixtures("_in_virtual_time")
 def test_robot_begins_as_it_stood_and_moves_to_the_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    state = ServoState(2, 80.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
+    state = RecordedServo(2, 80.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
     move = ExecuteActionRequest((Step(3, 90, 1000),))
     path = write(tmp_path / "x.mcap", [(0.0, ServosRead((state,))), *passed((0.5, ">", move))])
     said = call(capsys, "replay", str(path), "--to", "virtual", "--json").json

@@ -38,7 +38,7 @@ from servolink.protocol import (
     decode_caption,
     encode_frame,
 )
-from servolink.recorder import CommandDone, Event, Message, PacketSeen, ProblemFound, ServosRead, ServoState
+from servolink.recorder import CommandDone, Event, Message, PacketSeen, ProblemFound, RecordedServo, ServosRead
 from servolink.transports import DeviceInfo, PortIdentity
 from servolink.virtual import AnyType, BoardKind, VirtualBoard, save_state
 from tests.proofs.hostile.corpus import ONE_OF_EACH, PAYLOADS, Payload
@@ -175,7 +175,7 @@ class World:
         messages: list[tuple[float, Message]] = []
         for at, text in enumerate(texts):
             fields = {"action_id": 1, "action_caption": text, text: text, "steps": [text]}
-            state = ServoState(at, 1.0, "degree", 3, 4, 1, is_start=True, is_hold=True, caption=text)
+            state = RecordedServo(at, 1.0, "degree", 3, 4, 1, is_start=True, is_hold=True, caption=text)
             messages += [
                 (at, CommandDone("AddActionRequest", fields, "rejected", 0.1, text, text, text, text)),
                 (at, PacketSeen("sent", 30030, "AddActionRequest", fields, 20)),
