@@ -23,7 +23,7 @@ PACKAGE = ROOT / "servolink"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 CEILINGS = {
-    "lines": 74_813,
+    "lines": 75_013,
     "files": 459,
     "names that cross rooms": 605,
     "own imports of a file, median": 5,
