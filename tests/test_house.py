@@ -64,6 +64,7 @@ LATE = {
     "recorder/mcap_reader.py": (2, "compressed recordings of other programs"),
     "recorder/mcap_stream.py": (2, "extra record"),
     "studio/fleet_methods.py": (2, "extra fleet"),
+    "studio/links.py": (1, "extra studio: a page without a server has no links"),
     "transports/serial_ports.py": (1, "driver of serial ports"),
     "transports/usb_devices.py": (1, "driver of USB"),
     "twin/reach.py": (6, "extra twin: NumPy"),

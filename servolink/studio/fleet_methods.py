@@ -124,6 +124,6 @@ async def fleet_stop(caller: PageCaller, params: FleetStop) -> FleetStopped:
 
 
 def _fleet_of(caller: PageCaller) -> FleetView:
-    if (view := caller.studio.fleet) is None:
-        raise NotFound("the studio has no fleet: start it with --fleet mqtt://HOST")
-    return view
+    if isinstance(view := caller.studio.fleet, FleetView):
+        return view
+    raise NotFound("the studio has no fleet: start it with --fleet mqtt://HOST")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Literal, TypeAlias
@@ -11,12 +12,15 @@ from msgspec import Struct
 
 from servolink.errors import escape
 from servolink.fleet import BoardSeen, Fleet, Stored
+from servolink.studio.studio_methods import FarBoard
 
 MOST_RUNNABLE = 500
 """Most actions and macros offered for several boards."""
 _TOGETHER = 0.2  # seconds for which changes are collected
 _LONGEST = 200  # characters of a text of a board
 _MOST_PROBLEMS = 3
+_MOST_ADDRESS = 500
+_MOST_HOST = 100
 
 Kind: TypeAlias = Literal["action", "macro"]
 TileState: TypeAlias = Literal["ready", "lost", "closed", "unknown", "offline"]
@@ -107,6 +111,14 @@ class FleetView:
         most = found.most_common(MOST_RUNNABLE)
         return tuple(RunnableName(kind, name, count) for (kind, name), count in most)
 
+    def far_boards(self) -> tuple[FarBoard, ...]:
+        """Return the boards that are there, without those of this machine: the search finds their hubs."""
+        here = socket.gethostname()
+        found = [seen for seen in self.fleet.controller.roster if seen.is_online and seen.now and seen.now.host != here]
+        return tuple(
+            FarBoard(seen.name, escape(seen.now.host[:_MOST_HOST]), _tcp(seen.now.tcp)) for seen in found if seen.now
+        )
+
     def _take(self, seen: BoardSeen) -> None:
         if self.fleet.controller.roster.get(seen.name) is not seen:
             self._tiles.pop(seen.name, None)
@@ -159,3 +171,10 @@ def _shortest(texts: Sequence[str]) -> tuple[str, ...]:
 def _short(text: str) -> str:
     """Return the beginning of a text of a board, which may be of any length, without control characters."""
     return escape(text[:_LONGEST])
+
+
+def _tcp(claimed: str | None) -> str:
+    """Return a TCP address as a board gives it, which may be any text; empty for anything else."""
+    if claimed is None or not claimed.startswith("tcp://") or len(claimed) > _MOST_ADDRESS or not claimed.isprintable():
+        return ""
+    return claimed

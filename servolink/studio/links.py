@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import groupby
 from typing import Annotated, Literal, TypeAlias
 
-import segno
 from msgspec import Meta, Struct
 
 from servolink.studio.gate import Gate, Token, address_of
@@ -25,6 +24,8 @@ class QrCode(Struct, frozen=True):
 
 def qr_code(text: str) -> QrCode:
     """Return the QR code of `text`."""
+    import segno  # a page without a server has no links, and no segno
+
     code = segno.make_qr(text, error="m")
     runs: list[str] = []
     for y, row in enumerate(code.matrix, _MARGIN):

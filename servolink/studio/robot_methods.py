@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 from typing import Annotated
 
 from msgspec import Meta, Struct
@@ -11,14 +10,12 @@ from msgspec import Meta, Struct
 from servolink.boards import Aliases, boards, search
 from servolink.control import Done, NoParams, Role, Touches
 from servolink.doctor import Finding, SystemFacts, checks_before_opening
-from servolink.errors import ServolinkError, escape
-from servolink.studio.fleet_view import FleetView
-from servolink.studio.studio_methods import METHODS, PageCaller
+from servolink.errors import ServolinkError
+from servolink.studio.studio_methods import METHODS, FarBoard, PageCaller
 from servolink.transports import DeviceInfo
 
 _SHARED = "share://"
 _MOST_ADDRESS = 500
-_MOST_HOST = 100
 
 
 class FoundBoard(Struct, frozen=True):
@@ -37,15 +34,6 @@ class FoundBoard(Struct, frozen=True):
     """Whether the studio uses the board, directly or through a hub."""
     is_kept: bool
     """Whether the studio itself shares the board."""
-
-
-class FarBoard(Struct, frozen=True):
-    """Board of the fleet on another machine."""
-
-    name: str
-    host: str
-    url: str
-    """Address under which its hub is reached from here; empty unless it is shared with `--tcp`."""
 
 
 class FoundBoards(Struct, frozen=True):
@@ -71,7 +59,7 @@ class HubName(Struct, forbid_unknown_fields=True):
 async def studio_boards(caller: PageCaller, params: NoParams) -> FoundBoards:
     """Return the boards on this machine without opening any."""
     view = caller.studio.fleet
-    return FoundBoards(await asyncio.to_thread(_found, caller), () if view is None else _far_boards(view))
+    return FoundBoards(await asyncio.to_thread(_found, caller), () if view is None else view.far_boards())
 
 
 @METHODS.add("studio.use", Role.EDIT, touches=Touches.HOST, in_order=True)
@@ -101,22 +89,6 @@ async def give_back(caller: PageCaller, params: HubName) -> Done:
         await caller.studio.use("", caller.page.who)
     await caller.studio.robots.give_back(params.name)
     return Done()
-
-
-def _far_boards(view: FleetView) -> tuple[FarBoard, ...]:
-    """Return the boards of a fleet that are there, without those of this machine: the search finds their hubs."""
-    here = socket.gethostname()
-    found = [seen for seen in view.fleet.controller.roster if seen.is_online and seen.now and seen.now.host != here]
-    return tuple(
-        FarBoard(seen.name, escape(seen.now.host[:_MOST_HOST]), _tcp(seen.now.tcp)) for seen in found if seen.now
-    )
-
-
-def _tcp(claimed: str | None) -> str:
-    """Return a TCP address as a board gives it, which may be any text; empty for anything else."""
-    if claimed is None or not claimed.startswith("tcp://") or len(claimed) > _MOST_ADDRESS or not claimed.isprintable():
-        return ""
-    return claimed
 
 
 def _found(caller: PageCaller) -> tuple[FoundBoard, ...]:

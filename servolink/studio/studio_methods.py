@@ -14,7 +14,6 @@ from servolink.boards import ProfileInUse, announced_boards
 from servolink.control import Methods, NoParams, Peer, Role, RoleName, Touches, Welcome
 from servolink.errors import OpenError, Reason
 from servolink.studio.drafts import Drafts
-from servolink.studio.fleet_view import FleetView
 from servolink.studio.gate import Token
 from servolink.studio.links import Links
 from servolink.studio.robots import Robots, stop_before_leaving
@@ -50,6 +49,23 @@ class OpenPage(Protocol):
         """Disconnect the page from its board; the page connects again, to the present board of the studio."""
 
 
+class FarBoard(Struct, frozen=True):
+    """Board of the fleet on another machine."""
+
+    name: str
+    host: str
+    url: str
+    """Address under which its hub is reached from here; empty unless it is shared with `--tcp`."""
+
+
+class FleetOfStudio(Protocol):
+    """Boards at a broker, where the studio has a fleet: a page without a server has none."""
+
+    def far_boards(self) -> tuple[FarBoard, ...]:
+        """Return the boards on other machines."""
+        ...
+
+
 class Moving(Struct, frozen=True):
     """Notification `studio.moving`: all pages go on to another board."""
 
@@ -70,7 +86,7 @@ class Studio:
         self.pages: set[OpenPage] = set()
         self.links: Links | None = None
         """Links of the studio; None if only this machine reaches the studio."""
-        self.fleet: FleetView | None = None
+        self.fleet: FleetOfStudio | None = None
         """Boards at a broker; None without a broker."""
         self.twin = Twin()
         self.turns = defaultdict[Token, asyncio.Lock](asyncio.Lock)

@@ -8,10 +8,13 @@ from contextlib import suppress
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
+from servolink.studio import firmware_methods, fleet_methods  # add what a page without a server cannot have
 from servolink.studio.gate import Gate
 from servolink.studio.page import MOST_MESSAGE, Hello, serve_page
 from servolink.studio.studio_methods import Studio
 from servolink.transports import Stranger, Strangers
+
+__all__ = ["firmware_methods", "fleet_methods", "serve_web_socket"]
 
 _TOKEN_LIMIT = 5.0  # seconds for the first message
 _BAD_TOKEN = 4401  # code for closing the socket
