@@ -21,9 +21,18 @@ class AngleUnits:
     sent (`Connection.units_sent`) must not be used after it.
     """
 
-    def __init__(self, session: Session, all_servos: AllServos, angle_unit: AngleUnit | None) -> None:
-        """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are."""
-        self.current = ServoUnits()
+    def __init__(
+        self,
+        session: Session,
+        all_servos: AllServos,
+        angle_unit: AngleUnit | None,
+        current: ServoUnits | None = None,
+    ) -> None:
+        """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are.
+
+        `current` is what a hub sets for its program; None for a board without a hub.
+        """
+        self.current = ServoUnits() if current is None else current
         """Units that are set on the board, also after a reconnect."""
         self._session = session
         self._all = all_servos

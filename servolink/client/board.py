@@ -100,10 +100,11 @@ class Board:
         angle_unit: AngleUnit | None,
         planner: MotionPlanner,
         shared: ServoController | None = None,
+        units: ServoUnits | None = None,
     ) -> None:
         """Use `connect` instead."""
         self._session = session
-        self._servos = ServoController(session, angle_unit, planner, shared)
+        self._servos = ServoController(session, angle_unit, planner, shared, units)
         self._ticket: Ticket | None = None  # ticket for all motions; None for a new ticket in each call
 
     @cached_property
@@ -169,7 +170,7 @@ class Board:
     @property
     def connection(self) -> Connection:
         """An object that stands for the present connection: another one after a reconnect."""
-        return self._session.connection  # type: ignore[return-value]  # another kind only within a hub
+        return self._servos.connection
 
     @property
     def unanswered(self) -> frozenset[str]:

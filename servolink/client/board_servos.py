@@ -15,7 +15,7 @@ from servolink.client.captions import Targets
 from servolink.client.servo_state import Servo, Servos, angles_of, servo_of, until_arrived, until_over
 from servolink.client.session import Session
 from servolink.client.soft_start import SoftStart
-from servolink.connection import UnitsChanged
+from servolink.connection import Connection, UnitsChanged
 from servolink.errors import (
     ConnectionLost,
     DecodeError,
@@ -36,6 +36,7 @@ from servolink.motion import (
     MotionPlan,
     MotionPlanner,
     Movement,
+    ServoUnits,
     SetPoints,
     Speed,
     Ticket,
@@ -66,17 +67,24 @@ class ServoController:
         angle_unit: AngleUnit | None,
         planner: MotionPlanner,
         shared: ServoController | None = None,
+        units: ServoUnits | None = None,
     ) -> None:
         """Set all servos to `angle_unit` before the first command with an angle; None changes no unit.
 
-        Movements are planned by `planner`. What is known of the servos is that of `shared`, for the programs of a hub.
+        Movements are planned by `planner`. For a program of a hub, what is known of the servos is that of `shared`, and
+        the hub sets `units`, those of the program, before each packet that depends on them.
         """
         self.all = AllServos(session, None if shared is None else shared.known)
         self.known: KnownServos = self.all.known
-        self.units = AngleUnits(session, self.all, angle_unit)
+        self.units = AngleUnits(session, self.all, angle_unit, units)
         self.soft_start: SoftStart = SoftStart(session) if shared is None else shared.soft_start
         self.planner = planner
         self._session = session
+
+    @property
+    def connection(self) -> Connection:
+        """Present connection to the board."""
+        return self._session.connection  # type: ignore[return-value]  # another kind only within a hub
 
     async def servo_ids(self) -> tuple[int, ...]:
         """Return the ids of all servos (3.2.1)."""
