@@ -6,7 +6,7 @@ async with servolink.hub.serve_board("/dev/ttyACM0", name="rex") as (hub, urls):
 
 from __future__ import annotations
 
-from servolink.hub.doors.direct import DirectConnection
+from servolink.hub.doors.direct import DirectProgram
 from servolink.hub.engine.program import FrameProgram
 from servolink.hub.hub import Hub, share
 from servolink.hub.methods.control_session import METHODS, ControlInterface
@@ -16,7 +16,7 @@ from servolink.hub.serving import default_name, hub_of_board, serve_board
 __all__ = [
     # hub
     "ControlInterface",
-    "DirectConnection",
+    "DirectProgram",
     "Exchange",
     "FrameProgram",
     "Hub",

@@ -22,17 +22,16 @@ from servolink.control import (
 )
 from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Reason, Rejected, ServolinkError
 from servolink.hub.engine.button_relay import ButtonRelay
+from servolink.hub.engine.hub_gates import Standstill, nothing_moved, refuse_other_use
 from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.motions import Motions
 from servolink.hub.engine.program import FrameProgram, Program
 from servolink.hub.engine.questions import Questions
 from servolink.hub.engine.sending import PacketSender
-from servolink.hub.engine.standstill import Standstill
 from servolink.hub.engine.stop_order import MotionsCancelled, Stops
 from servolink.hub.engine.unit_switch import UnitSwitch
 from servolink.hub.engine.upstream import RequestFollower, Upstream
 from servolink.hub.rules.exchanges import Exchange, MoveOrder, RunEnd
-from servolink.hub.rules.hub_gates import nothing_moved
 from servolink.hub.rules.lease import SECONDS_AFTER
 from servolink.motion import AngleUnit, MotionPlan, SetPoints, StopCounter, Ticket
 from servolink.protocol import (
@@ -230,17 +229,14 @@ class Hub:
         Raise the error of a movement that was not sent; MotionRefused without the lease, after a stop since `ticket`
         was issued, and while another program has exclusive use.
         """
-        self._refuse_other_use(session_id)
         exchange = self._ordered(session_id, order, ticket)
         try:
-            await self._upstream.begin(exchange)
+            await self._begin(exchange)
         except ConnectionLost as error:
             if exchange.is_unsent:
                 raise
             raise OutcomeUnknown(str(error), exchange.packet) from error
-        if exchange.plan is None:
-            assert exchange.error is not None  # noqa: S101 - narrows the type
-            raise nothing_moved(exchange.error)
+        assert exchange.plan is not None  # noqa: S101 - narrows the type
         return exchange.plan
 
     async def plan(self, session_id: str, order: MoveOrder, ticket: Ticket) -> MotionPlan:
@@ -273,25 +269,19 @@ class Hub:
 
         Raise MotionRefused as `run` does, and while another program has exclusive use.
         """
-        self._refuse_other_use(session_id)
         steps = tuple(Step(servo_id, round(angle), 1) for servo_id, angle in targets.items())
         packet = ExecuteActionRequest(steps)
         exchange = Exchange(self._program(session_id), packet, ticket, asked_at=self._now(), points=points)
         await self._begin(exchange)
         return {step.servo_id: step.degree for step in points.latest}
 
-    def _refuse_other_use(self, session_id: str) -> None:
-        """Raise MotionRefused while another program has exclusive use."""
-        hold = self.exclusive_use
-        if hold is not None and hold.session != session_id:
-            text = f"nothing was moved: {hold.who} has taken exclusive use of the board"
-            raise MotionRefused(text, reason=Reason.EXCLUSIVE_USE)
-
     async def _begin(self, exchange: Exchange) -> Packet | None:
-        """Send a motion ahead of all waiting requests. Raise MotionRefused if that must not be."""
+        """Send a motion ahead of all waiting requests. Raise the refusal of a motion that must not be sent."""
+        if refusal := refuse_other_use(self.exclusive_use, exchange.program.session_id):
+            raise refusal
         response = await self._upstream.begin(exchange)
-        if exchange.refused:
-            raise MotionRefused(f"nothing was moved: {exchange.refused}") from exchange.error
+        if exchange.error is not None:
+            raise nothing_moved(exchange.error)
         return response
 
     async def stop(self, who: str) -> None:

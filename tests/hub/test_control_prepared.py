@@ -144,7 +144,7 @@ async def test_a_start_is_refused_after_a_stop_and_while_somebody_else_moves_the
         await tablet.call("lease.give")
         await studio.call("run.prepare", type="action", id=1)
         await tablet.call("board.hold", reason="an import")
-        assert "another program has exclusive use" in await refusal(studio, "run.start")
+        assert "has taken exclusive use of the board" in await refusal(studio, "run.start")
         await tablet.call("board.release")
         await studio.call("run.prepare", type="action", id=1)
         await studio.call("lease.give")

@@ -18,8 +18,8 @@ from servolink.errors import (
     RequestRefused,
     RequestTimeout,
 )
-from servolink.hub.doors.direct import DirectConnection
-from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver
+from servolink.hub.doors.direct import DirectProgram
+from servolink.hub.engine.hub_gates import LeaseRefused, MotionOver
 from servolink.protocol import (
     ButtonEventResponse,
     Codec,
@@ -42,9 +42,9 @@ from tests.hub.shared_world import on_hub as on_world
 HERE = "here"
 
 
-def on_hub(use: Callable[[World, DirectConnection], Awaitable[None]]) -> None:
+def on_hub(use: Callable[[World, DirectProgram], Awaitable[None]]) -> None:
     async def main(there: World) -> None:
-        await use(there, DirectConnection(there.hub, who=HERE))
+        await use(there, DirectProgram(there.hub, who=HERE))
 
     on_world(main)
 
@@ -56,7 +56,7 @@ def test_a_packet_is_encoded_once_and_its_response_decoded_once(monkeypatch: pyt
         encoded.append(type(packet).__name__)
         return real(self, packet, unchecked=unchecked)
 
-    async def use(there: World, here: DirectConnection) -> None:
+    async def use(there: World, here: DirectProgram) -> None:
         await here.request(SetAngleUnitRequest(255, 0))
         monkeypatch.setattr(Codec, "encode", encode)
         await here.send(MOVE)
@@ -74,14 +74,14 @@ def test_a_packet_is_encoded_once_and_its_response_decoded_once(monkeypatch: pyt
 
 
 def test_a_refusal_is_an_error_of_its_own_kind() -> None:
-    async def use(there: World, here: DirectConnection) -> None:
+    async def use(there: World, here: DirectProgram) -> None:
         bob = there.join("bob")
         assert await there.move(bob)
         with pytest.raises(LeaseRefused, match=r"^nothing was moved: the servos of rex are moved by bob"):
             await here.send(MOVE)
         with pytest.raises(LeaseRefused):
             await here.request(START)
-        watcher = DirectConnection(there.hub, who="watcher", role=Role.WATCH)
+        watcher = DirectProgram(there.hub, who="watcher", role=Role.WATCH)
         with pytest.raises(RequestRefused, match="WriteProjectIDRequest needs the role edit"):
             await watcher.request(WriteProjectIDRequest(1))
         with pytest.raises(EncodeError, match="interval: -1 is outside"):
@@ -93,7 +93,7 @@ def test_a_refusal_is_an_error_of_its_own_kind() -> None:
 
 
 def test_a_stop_passes_every_gate_and_ends_earlier_motions() -> None:
-    async def use(there: World, here: DirectConnection) -> None:
+    async def use(there: World, here: DirectProgram) -> None:
         bob, ticket = there.join("bob"), here.stops.ticket()
         there.hub.begin_exclusive_use(bob.session.session_id, "testing")
         with pytest.raises(MotionOver, match="bob has taken exclusive use of the board"):
@@ -111,7 +111,7 @@ def test_a_stop_passes_every_gate_and_ends_earlier_motions() -> None:
 
 
 def test_a_motion_on_its_way_is_not_sent_after_a_stop_of_another_program() -> None:
-    async def use(there: World, here: DirectConnection) -> None:
+    async def use(there: World, here: DirectProgram) -> None:
         await here.request(SetAngleUnitRequest(255, 0))
         bob = there.join("bob")
         there.fake.plan(QueryServoListRequest, late(1.0))
@@ -128,7 +128,7 @@ def test_a_motion_on_its_way_is_not_sent_after_a_stop_of_another_program() -> No
 
 
 def test_what_the_board_does_not_answer_fails_as_on_another_connection() -> None:
-    async def use(there: World, here: DirectConnection) -> None:
+    async def use(there: World, here: DirectProgram) -> None:
         there.fake.usual_of[QueryActionRequest] = SWALLOWED
         with pytest.raises(RequestTimeout):
             await here.request(QueryActionRequest(1))
@@ -145,7 +145,7 @@ def test_what_the_board_does_not_answer_fails_as_on_another_connection() -> None
 
 
 def test_what_waits_while_another_program_has_the_board_is_given_up_and_never_sent() -> None:
-    async def use(there: World, here: DirectConnection) -> None:
+    async def use(there: World, here: DirectProgram) -> None:
         bob = there.join("bob")
         there.hub.begin_exclusive_use(bob.session.session_id, "testing")
         begun = now()
@@ -154,10 +154,10 @@ def test_what_waits_while_another_program_has_the_board_is_given_up_and_never_se
         assert now() == pytest.approx(begun + here.patience + 1)
         cancelled = asyncio.create_task(here.request(WriteProjectIDRequest(8)))
         await asyncio.sleep(0.1)
-        assert here.program.queue.exchanges
+        assert here.queue.exchanges
         cancelled.cancel()
         await asyncio.wait([cancelled])
-        assert not here.program.queue.exchanges
+        assert not here.queue.exchanges
         there.hub.end_exclusive_use(bob.session.session_id)
         await asyncio.sleep(1)
         assert not there.fake.executed_of(WriteProjectIDRequest)
@@ -166,7 +166,7 @@ def test_what_waits_while_another_program_has_the_board_is_given_up_and_never_se
 
 
 def test_button_events_arrive() -> None:
-    async def use(there: World, here: DirectConnection) -> None:
+    async def use(there: World, here: DirectProgram) -> None:
         events: list[ButtonEventResponse] = []
         here.answers.on_event = events.append
         await here.request(SubscribeButtonEventRequest(1))
@@ -178,7 +178,7 @@ def test_button_events_arrive() -> None:
 
 
 def test_the_end_of_the_hub_ends_what_waits() -> None:
-    async def use(there: World, here: DirectConnection) -> None:
+    async def use(there: World, here: DirectProgram) -> None:
         ends: list[ConnectionLost] = []
         here.answers.on_end = ends.append
         there.fake.usual_of[QueryServoRequest] = late(2.0)
@@ -196,11 +196,11 @@ def test_the_end_of_the_hub_ends_what_waits() -> None:
 
 
 def test_a_session_id_is_used_once() -> None:
-    async def use(there: World, here: DirectConnection) -> None:
+    async def use(there: World, here: DirectProgram) -> None:
         with pytest.raises(ValueError, match="has begun already"):
-            DirectConnection(there.hub, who=HERE, session_id=here.program.session_id)
+            DirectProgram(there.hub, who=HERE, session_id=here.session_id)
         await here.close()
-        assert here.program.session_id not in there.hub.programs
-        DirectConnection(there.hub, who=HERE, session_id=here.program.session_id)
+        assert here.session_id not in there.hub.programs
+        DirectProgram(there.hub, who=HERE, session_id=here.session_id)
 
     on_hub(use)

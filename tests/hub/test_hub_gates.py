@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import pytest
 
-from servolink.control import Role
-from servolink.hub.rules.hub_gates import (
+from servolink.control import HoldStatus, Role
+from servolink.errors import Reason
+from servolink.hub.engine.hub_gates import (
     LeaseGate,
     LeaseRefused,
+    Standstill,
+    refuse_other_use,
     refuse_role,
-    refuse_ticket,
     refused_response,
     stops_all,
 )
@@ -33,6 +37,7 @@ from servolink.protocol import (
     SetServoParameterRequest,
     SetServoParameterResponse,
 )
+from servolink.support import time_with_sleep
 
 MOVE = ExecuteActionRequest(())
 STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
@@ -101,16 +106,30 @@ RELEASE = SetServoParameterRequest(1, 0, 0)
 
 
 @pytest.mark.parametrize("packet", [MOVE, RELEASE, ExecuteMacroRequest(1), AddServoParameterRequest(())])
-def test_a_motion_is_refused_after_a_stop_and_after_its_time(packet: Packet) -> None:
-    stops = StopCounter()
-    ticket = stops.ticket(until=10.0, who="ann")
-    assert refuse_ticket(packet, ticket, stops, 10.0) is None
-    assert str(refuse_ticket(packet, ticket, stops, 10.1)) == "the time by which it was to begin has passed"
-    assert refuse_ticket(packet, ticket.begun(), stops, 10.1) is None
+async def test_a_motion_is_refused_after_a_stop_and_after_its_time(packet: Packet) -> None:
+    stops, standstill = StopCounter(), Standstill(lambda reason: None)
+    ticket = stops.ticket(until=time_with_sleep() + 10.0, who="ann")
+    await asyncio.sleep(9.9)
+    assert standstill.refuse(packet, ticket, stops) is None
+    await asyncio.sleep(0.2)
+    assert str(standstill.refuse(packet, ticket, stops)) == "the time by which it was to begin has passed"
+    assert standstill.refuse(packet, ticket.begun(), stops) is None
     stops.stop()
-    assert str(refuse_ticket(packet, ticket, stops, 9.0)) == "a stop came first"
+    assert str(standstill.refuse(packet, ticket, stops)) == "a stop came first"
     for other in (STOP, QueryServoRequest(1), AddActionRequest(1)):
-        assert refuse_ticket(other, ticket, stops, 11.0) is None
+        assert standstill.refuse(other, ticket, stops) is None
+
+
+def test_another_program_with_exclusive_use_is_named() -> None:
+    hold = HoldStatus("bob", "bob", "a project is being written")
+    assert refuse_other_use(None, "ann") is None
+    assert refuse_other_use(hold, "bob") is None
+    refusal = refuse_other_use(hold, "ann")
+    assert refusal is not None
+    assert (str(refusal), refusal.reason) == (
+        "nothing was moved: bob has taken exclusive use of the board",
+        Reason.EXCLUSIVE_USE,
+    )
 
 
 def state(servo_id: int, is_start: int, is_hold: int) -> ServoState:

@@ -8,7 +8,7 @@ from typing import cast
 import pytest
 
 from servolink.control import ProblemNotice, RefusedNotice
-from servolink.hub.engine.standstill import LONGEST_GAP, SETTLING
+from servolink.hub.engine.hub_gates import LONGEST_GAP, SETTLING
 from tests.client.piped_board import late, now
 from tests.hub.control_program import RpcFailed, shared
 from tests.hub.shared_world import MOVE, STOP, world

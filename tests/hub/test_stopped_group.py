@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from servolink.client import connect
-from servolink.hub.engine.standstill import SETTLING
+from servolink.hub.engine.hub_gates import SETTLING
 from servolink.recorder import Recording
 from tests import processes
 
@@ -20,8 +20,8 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs signals o
 _PROGRAM = """
 import sys
 from servolink.__main__ import main
-from servolink.hub.engine import standstill
-standstill.LONGEST_GAP = {gap}
+from servolink.hub.engine import hub_gates
+hub_gates.LONGEST_GAP = {gap}
 sys.exit(main(sys.argv[1:]))
 """
 

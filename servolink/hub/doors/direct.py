@@ -1,4 +1,4 @@
-"""DirectConnection: the session of a program in the hub's own process, whose packets need not become bytes."""
+"""DirectProgram: the session of a program in the hub's own process, whose packets need not become bytes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Any, TypeVar, cast
 from servolink.client import ButtonEvent
 from servolink.connection import HUB_MARGIN, SLOW_PATIENCE, BoardSharing, Gates, Stats, lost, outcome_unknown, timed_out
 from servolink.control import Role
-from servolink.errors import ConnectionLost, OutcomeUnknown, Reason, ServolinkError
+from servolink.errors import ConnectionLost, OutcomeUnknown, ServolinkError
+from servolink.hub.engine.hub_gates import LeaseRefused, MotionOver, nothing_moved, refuse_other_use
 from servolink.hub.engine.program import Program
 from servolink.hub.hub import Hub
 from servolink.hub.rules.exchanges import Exchange
-from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver, nothing_moved
 from servolink.motion import AngleUnit, StopCounter, Ticket
 from servolink.protocol import (
     ClearAllDataRequest,
@@ -36,10 +36,10 @@ R = TypeVar("R", bound=Response)
 _EARLY = 1e-6  # seconds by which a timer may fire too early
 
 
-class _Asked(Exchange, eq=False):
+class _Asked(Exchange, eq=False, kw_only=True):
     """Request of the program, and the future of the response."""
 
-    answered: asyncio.Future[Packet | None] | None = None
+    answered: asyncio.Future[Packet | None]
     timer: asyncio.TimerHandle | None = None
     """Gives the request up."""
 
@@ -53,58 +53,7 @@ class _Events:
 
 
 class DirectProgram(Program):
-    """Program that gets packets instead of frames."""
-
-    def __init__(self, hub: Hub, events: _Events, **options: Any) -> None:
-        super().__init__(hub, hub.board.codec, **options)
-        self._events = events
-        self.heard_at = 0.0
-        """When the latest response came, on the clock of the event loop."""
-        self._open: dict[int, _Asked] = {}
-
-    @property
-    def waiting(self) -> int:
-        """Number of requests without a response so far."""
-        return len(self._open)
-
-    def put(self, exchange: Exchange) -> None:
-        """Queue a request at the hub; stops are sent first."""
-        self.counters.requests += 1
-        self._open[id(exchange)] = cast("_Asked", exchange)
-        super().put(exchange)
-
-    def withdraw(self, exchange: Exchange) -> bool:
-        """Give up a request. Return whether the request was not sent yet, and so never will be."""
-        self._open.pop(id(exchange), None)
-        return self._hub.withdraw(exchange)
-
-    def finish(
-        self, exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
-    ) -> None:
-        """Finish a request with a response, or with None."""
-        asked = self._open.pop(id(exchange), None)
-        if asked is None:
-            return
-        asked.is_over = True
-        if response is not None:
-            self.counters.responses += 1
-            self.heard_at = self._now()
-        if asked.answered is not None and not asked.answered.done():
-            asked.answered.set_result(response)
-
-    def leave(self) -> None:
-        """End the session; may be called again. Unsent requests are dropped, sent ones end without a response."""
-        super().leave()
-        for asked in list(self._open.values()):
-            self.finish(asked, None)
-
-    def push(self, event: ButtonEvent) -> None:
-        """Pass on a button event."""
-        self._events.on_event(event)
-
-
-class DirectConnection:
-    """Connection of a program to the board of a hub: packets enter the queue of the hub unchanged.
+    """Program that is its own connection to the board of a hub: packets enter the queue of the hub unchanged.
 
     They have the order, limits and rights of any other program. What is refused raises the refusal of the gate.
     """
@@ -120,9 +69,9 @@ class DirectConnection:
         session_id: str | None = None,
     ) -> None:
         """Join `hub`, with angles in `unit`. Raise ValueError if the session id is in use."""
+        super().__init__(hub, hub.board.codec, who=who, door=door, role=role, unit=unit, session_id=session_id)
         self.url = f"share://{hub.name}"
         self.board_url = hub.url
-        self.codec = hub.board.codec
         self.patience = hub.board.connection.patience
         self.stats = Stats()
         self.stops = StopCounter()
@@ -140,14 +89,19 @@ class DirectConnection:
         self.gates = Gates(
             exclusive_use=self._refuse_other_use,
             lease=self._refuse_lease,
-            ticket=self._refuse_ticket,
+            ticket=hub.standstill.gate(self.stops),
             limits=Gates.of_units(lambda: self.units_sent),
         )
-        self._hub = hub
-        self.program = DirectProgram(hub, self.answers, who=who, door=door, role=role, unit=unit, session_id=session_id)
-        """The session."""
-        hub.add(self.program)
-        self.program.on_end = lambda: self._end(lost(self.url, ConnectionError("the hub has ended")))
+        self._hub: Hub = hub
+        self._heard_at = 0.0  # when the latest response came, on the clock of the event loop
+        self._open: dict[int, _Asked] = {}
+        hub.add(self)
+        self.on_end = lambda: self._end(lost(self.url, ConnectionError("the hub has ended")))
+
+    @property
+    def waiting(self) -> int:
+        """Number of requests without a response so far."""
+        return len(self._open)
 
     @property
     def unsupported(self) -> frozenset[str]:
@@ -182,7 +136,7 @@ class DirectConnection:
     @property
     def has_waiting(self) -> bool:
         """Whether requests of this program wait for their turn."""
-        return bool(self.program.queue.exchanges)
+        return bool(self.queue.exchanges)
 
     def bulk(self) -> AbstractContextManager[None]:
         """Return a context for a large transfer."""
@@ -198,8 +152,34 @@ class DirectConnection:
     def _end(self, error: ConnectionLost) -> None:
         if self.ended is None:
             self.ended = error
-            self.program.leave()
+            self.leave()
             self.answers.on_end(error)
+
+    # --- the session --------------------------------------------------------------------------------------------
+
+    def finish(
+        self, exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
+    ) -> None:
+        """Finish a request with a response, or with None."""
+        asked = self._open.pop(id(exchange), None)
+        if asked is None:
+            return
+        asked.is_over = True
+        if response is not None:
+            self.counters.responses += 1
+            self._heard_at = self._now()
+        if not asked.answered.done():
+            asked.answered.set_result(response)
+
+    def leave(self) -> None:
+        """End the session; may be called again. Unsent requests are dropped, sent ones end without a response."""
+        super().leave()
+        for asked in list(self._open.values()):
+            self.finish(asked, None)
+
+    def push(self, event: ButtonEvent) -> None:
+        """Pass on a button event."""
+        self.answers.on_event(event)
 
     # --- requests -----------------------------------------------------------------------------------------------
 
@@ -249,10 +229,12 @@ class DirectConnection:
             self.motions += 1
         elif isinstance(packet, SetAngleUnitRequest):
             self.units_sent += 1
-        own = self._hub.stops.ticket(until=ticket.until, who=self.program.session_id)
-        now, answered = self._loop.time(), self._loop.create_future()
-        asked = _Asked(self.program, packet, own, asked_at=now, is_unchecked=unchecked, answered=answered)
-        self.program.put(asked)
+        own = self._hub.stops.ticket(until=ticket.until, who=self.session_id)
+        answered = self._loop.create_future()
+        asked = _Asked(self, packet, own, asked_at=self._now(), is_unchecked=unchecked, answered=answered)
+        self.counters.requests += 1
+        self._open[id(asked)] = asked
+        self.put(asked)
         return asked
 
     async def _outcome(self, asked: _Asked, timeout: float | None, begun_at: float) -> Packet | None:
@@ -260,7 +242,6 @@ class DirectConnection:
 
         Without `timeout`, the time counts from the latest response to this program, as the hub may be busy with others.
         """
-        assert asked.answered is not None  # noqa: S101 - narrows the type
         patience = self.patience if timeout is None else timeout
         if timeout is None:
             slow = isinstance(asked.packet, ClearAllDataRequest)
@@ -269,7 +250,7 @@ class DirectConnection:
         try:
             response = await asked.answered
         except asyncio.CancelledError:
-            self.program.withdraw(asked)
+            self._withdraw(asked)
             raise
         finally:
             if asked.timer is not None:
@@ -280,18 +261,23 @@ class DirectConnection:
 
     def _limit(self, asked: _Asked, begun_at: float, patience: float, *, is_fixed: bool) -> None:
         """Give a request up `patience` seconds after `begun_at`, or after a later response unless `is_fixed`."""
-        since = begun_at if is_fixed else max(begun_at, self.program.heard_at)
+        since = begun_at if is_fixed else max(begun_at, self._heard_at)
         if self._loop.time() < since + patience - _EARLY:
             again = partial(self._limit, asked, begun_at, patience, is_fixed=is_fixed)
             asked.timer = call_at(self._loop, since + patience, again)
             return
         waited, hold = self._loop.time() - begun_at, self._hub.exclusive_use
         error: ServolinkError = outcome_unknown(asked.packet, self.url, waited)
-        if self.program.withdraw(asked) or isinstance(asked.packet, Query):
+        if self._withdraw(asked) or isinstance(asked.packet, Query):
             held = "" if hold is None else f"{hold.who} has exclusive use of the board"
             error = timed_out(asked.packet, self.url, 0, waited, self.stats, excuse=held)
-        if asked.answered is not None and not asked.answered.done():
+        if not asked.answered.done():
             asked.answered.set_exception(error)
+
+    def _withdraw(self, asked: _Asked) -> bool:
+        """Give up a request. Return whether the request was not sent yet, and so never will be."""
+        self._open.pop(id(asked), None)
+        return self._hub.withdraw(asked)
 
     def _error(self, asked: _Asked) -> ServolinkError:
         """Return the error for a request without a response, as over any other connection."""
@@ -306,19 +292,9 @@ class DirectConnection:
 
     def _refuse_other_use(self, packet: Packet, ticket: Ticket) -> MotionOver | None:
         """Refuse a motion that would wait until another program ends exclusive use."""
-        hold = self._hub.exclusive_use
-        if hold is None or hold.session == self.program.session_id:
-            return None
-        return MotionOver(
-            f"nothing was moved: {hold.who} has taken exclusive use of the board", reason=Reason.EXCLUSIVE_USE
-        )
-
-    def _refuse_ticket(self, packet: Packet, ticket: Ticket) -> ServolinkError | None:
-        """Refuse a motion after a stop, after its time, and right after the hub stood still."""
-        refusal = self._hub.standstill.refuse(packet, ticket, self.stops)
-        return refusal and nothing_moved(refusal)
+        return refuse_other_use(self._hub.exclusive_use, self.session_id)
 
     def _refuse_lease(self, packet: Packet, ticket: Ticket) -> LeaseRefused | None:
         """Refuse a motion while another program holds the lease."""
-        reason = self._hub.leases.reason(self.program.session_id)
+        reason = self._hub.leases.reason(self.session_id)
         return LeaseRefused(reason) if reason else None

@@ -1,10 +1,11 @@
-"""Gates of a hub: whether a packet of a program may be sent, and the response for a refused packet."""
+"""Row of gates of a hub (role, exclusive use, lease, stop and deadline), and the response for a refused packet."""
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterable
 
-from servolink.control import Role
+from servolink.control import HoldStatus, Role
 from servolink.errors import MotionRefused, Reason, RequestRefused, ServolinkError, escape
 from servolink.hub.rules.lease import MotionLease
 from servolink.motion import StopCounter, Ticket
@@ -19,6 +20,13 @@ from servolink.protocol import (
     SetServoParameterRequest,
     SetServoParameterResponse,
 )
+from servolink.support import time_with_sleep
+
+LONGEST_GAP = 5.0
+"""Seconds without a turn of the event loop, beyond which the hub has stood still; a busy computer stays below."""
+SETTLING = 0.5
+"""Seconds after a standstill in which no motion begins: requests from before it may still have to be read."""
+_INTERVAL = 1.0
 
 
 class LeaseRefused(MotionRefused):
@@ -51,15 +59,12 @@ def refuse_role(packet: Packet, role: Role) -> RequestRefused | None:
     return RequestRefused(text, packet, reason=Reason.ROLE)
 
 
-def refuse_ticket(packet: Packet, ticket: Ticket, stops: StopCounter, now: float) -> MotionOver | None:
-    """Refuse a motion after a stop since the issue of `ticket`, and after the deadline."""
-    if not packet.is_motion:
+def refuse_other_use(hold: HoldStatus | None, session: str) -> MotionOver | None:
+    """Refuse a motion of `session` while another program has exclusive use."""
+    if hold is None or hold.session == session:
         return None
-    if not stops.holds(ticket):
-        return MotionOver(stops.reason, reason=Reason.STOP)
-    if now > ticket.until:
-        return MotionOver("the time by which it was to begin has passed", reason=Reason.DEADLINE)
-    return None
+    text = f"nothing was moved: {hold.who} has taken exclusive use of the board"
+    return MotionOver(text, reason=Reason.EXCLUSIVE_USE)
 
 
 class LeaseGate:
@@ -127,3 +132,67 @@ def _duration(seconds: float) -> str:
     """Return a time for people, such as `12 s` or `3 min`."""
     whole = max(int(seconds), 0)
     return f"{whole} s" if whole < 120 else f"{whole // 60} min" if whole < 7200 else f"{whole // 3600} h"
+
+
+class Standstill:
+    """Clock that shows by a missing beat that the hub stood still. Nobody can say when a request that waits was sent.
+
+    It beats only while programs are there, so that an idle hub wakes nobody.
+    """
+
+    def __init__(self, on_standstill: Callable[[str], None]) -> None:
+        """Call `on_standstill` with the reason why earlier requests must not move anything any more."""
+        self._on_standstill = on_standstill
+        self._loop = asyncio.get_running_loop()
+        self._timer: asyncio.TimerHandle | None = None
+        self._beat = 0.0
+        self._settled = 0.0
+        self._reason = ""
+
+    def begin(self) -> None:
+        """Beat from now on, unless it does already."""
+        if self._timer is None:
+            self._beat = time_with_sleep()
+            self._timer = self._loop.call_later(_INTERVAL, self._again)
+
+    def end(self) -> None:
+        """Stop beating: no program is left."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def refuse(self, packet: Packet, ticket: Ticket, stops: StopCounter) -> MotionOver | None:
+        """Refuse a motion right after a standstill, after a stop since the issue of `ticket`, and after its time."""
+        if not packet.is_motion:
+            return None
+        now = self._look()
+        if now < self._settled:
+            return MotionOver(self._reason, reason=Reason.STOP)
+        if not stops.holds(ticket):
+            return MotionOver(stops.reason, reason=Reason.STOP)
+        if now > ticket.until:
+            return MotionOver("the time by which it was to begin has passed", reason=Reason.DEADLINE)
+        return None
+
+    def gate(self, stops: StopCounter) -> Callable[[Packet, Ticket], ServolinkError | None]:
+        """Return `refuse` for the `stops` of a program, worded for whoever waits for the motion."""
+
+        def refuse(packet: Packet, ticket: Ticket) -> ServolinkError | None:
+            refusal = self.refuse(packet, ticket, stops)
+            return refusal and nothing_moved(refusal)
+
+        return refuse
+
+    def _look(self) -> float:
+        """Return the present time, after looking for a missing beat."""
+        now, beat = time_with_sleep(), self._beat
+        if self._timer is not None and now - beat > LONGEST_GAP:
+            self._beat, self._settled = now, now + SETTLING
+            self._reason = f"the hub stood still for {now - beat:.0f} s, as this computer slept or the hub was stopped"
+            self._on_standstill(self._reason)
+        return now
+
+    def _again(self) -> None:
+        self._look()
+        self._beat = time_with_sleep()
+        self._timer = self._loop.call_later(_INTERVAL, self._again)

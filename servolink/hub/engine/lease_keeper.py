@@ -11,10 +11,10 @@ from msgspec import Struct
 
 from servolink.control import LeaseNotice, LeaseStatus
 from servolink.errors import escape
+from servolink.hub.engine.hub_gates import LeaseGate, LeaseRefused
 from servolink.hub.engine.motions import Motions
 from servolink.hub.engine.unit_switch import UnitSwitch
 from servolink.hub.rules.exchanges import Exchange, RunEnd
-from servolink.hub.rules.hub_gates import LeaseGate, LeaseRefused
 from servolink.hub.rules.lease import LeaseChange, MotionLease
 from servolink.motion import Ticket
 from servolink.protocol import ExecuteActionRequest, ExecuteMacroRequest, Packet

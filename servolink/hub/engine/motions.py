@@ -14,9 +14,9 @@ from servolink.errors import (
     ServolinkError,
     TargetNotReached,
 )
+from servolink.hub.engine.hub_gates import refused_response
 from servolink.hub.rules.courses import Courses
 from servolink.hub.rules.exchanges import Exchange, MoveOrder, RunEnd
-from servolink.hub.rules.hub_gates import refused_response
 from servolink.motion import SetPoints, Ticket
 from servolink.project import RecordRun
 from servolink.protocol import (
@@ -56,6 +56,7 @@ class Motions:
         self.courses = Courses()
         """Angles that the servos should have, by what was sent."""
         self._board = board
+        self._servos = servos_of(board)
 
     async def send(self, packet: Packet, ticket: Ticket | None = None, *, unchecked: bool = True) -> Outcome:
         """Send a motion within the limits of the board; refuse a motion that limits cannot be compared with.
@@ -75,9 +76,9 @@ class Motions:
 
     async def _response_to(self, packet: Packet, ticket: Ticket | None, *, unchecked: bool) -> Response | None:
         """Send a motion, and return the response of the board."""
-        board, connection = self._board, self._board.connection
+        board, servos, connection = self._board, self._servos, self._servos.connection
         if isinstance(packet, SetServoParameterRequest):
-            return await servos_of(board).answer_to(packet, ticket=ticket, unchecked=unchecked)
+            return await servos.answer_to(packet, ticket=ticket, unchecked=unchecked)
         if board.limits and ticket is not None:
             board = with_ticket(board, ticket)
         # Without limits, the board decides about packets such as one that names a servo twice.
@@ -92,16 +93,15 @@ class Motions:
         if board.limits:
             await board.send(packet)
         elif isinstance(packet, ExecuteActionRequest):
-            await servos_of(board).send(packet, ticket=ticket)
+            await servos.send(packet, ticket=ticket)
         else:
             await connection.send(packet, ticket=ticket)
         return None
 
     async def move(self, exchange: Exchange, order: MoveOrder, ticket: Ticket) -> Outcome:
         """Plan a movement for the units set now, and send it. Raise OutcomeUnknown for a start that is not answered."""
-        servos = servos_of(self._board)
         try:
-            plan = await servos.move(order.movement, ticket, start=order.start, planner=order.planner)
+            plan = await self._servos.move(order.movement, ticket, start=order.start, planner=order.planner)
         except OutcomeUnknown:
             raise
         except (EncodeError, RequestError) as error:
@@ -115,7 +115,7 @@ class Motions:
         assert isinstance(packet, ExecuteActionRequest), packet  # noqa: S101 - narrows the type
         targets = {step.servo_id: step.degree for step in packet.steps}
         try:
-            await servos_of(self._board).stream(targets, points, ticket)
+            await self._servos.stream(targets, points, ticket)
         except (EncodeError, RequestError) as error:
             return Outcome(None, error)
         self._sent(ExecuteActionRequest(points.latest))
@@ -126,7 +126,7 @@ class Motions:
         if not isinstance(packet, SetServoParameterRequest):
             return refused_response(packet)
         try:
-            states = await servos_of(self._board).all.states(packet.servo_id)
+            states = await self._servos.all.states(packet.servo_id)
         except ServolinkError:
             return None
         return refused_response(packet, states)
@@ -149,11 +149,11 @@ class Motions:
         The servos are in its last pose then, unless courses have changed since `changes`.
         """
         pose = end.pose if changes == self.courses.changes else {}
-        self.courses.end(pose, ends_at, self._board.unit_of)
+        self.courses.end(pose, ends_at, self._servos.units.of)
 
     def seconds_of_steps(self, packet: ExecuteActionRequest) -> float:
         """Return how long a movement takes."""
-        return servos_of(self._board).planner.seconds_of(packet.steps)
+        return self._servos.planner.seconds_of(packet.steps)
 
     async def until_rest(self) -> None:
         """Return when no servo has turned for 1.5 s. A board without answers gives no state: continue asking."""
@@ -161,7 +161,7 @@ class Motions:
         while count < _RESTING:
             await asyncio.sleep(_PAUSE)
             try:
-                states = await servos_of(self._board).all.states()
+                states = await self._servos.all.states()
             except ServolinkError:
                 count = 0
                 continue
@@ -173,14 +173,14 @@ class Motions:
 
     def _sent(self, packet: Packet) -> None:
         now = asyncio.get_running_loop().time()
-        self.courses.sent(packet, now, self._board.unit_of, servos_of(self._board).planner.interval_unit)
+        self.courses.sent(packet, now, self._servos.units.of, self._servos.planner.interval_unit)
 
     async def _end_of(self, kind: RecordType[Any], record_id: int) -> RunEnd | None:
         try:
             stored = await collect(self._get, kind, record_id)
         except ServolinkError:
             return None
-        interval_unit = servos_of(self._board).planner.interval_unit
+        interval_unit = self._servos.planner.interval_unit
 
         def end() -> RunEnd | None:
             run = RecordRun(stored, kind.by_id(stored)[record_id], interval_unit)
@@ -195,5 +195,5 @@ class Motions:
     def _is_same(self, first: dict[int, int], here: dict[int, int]) -> bool:
         """Return whether the same servos rest, within the noise of their sensors."""
         return first.keys() == here.keys() and all(
-            abs(first[servo_id] - here[servo_id]) <= _JITTER[self._board.unit_of(servo_id)] for servo_id in first
+            abs(first[servo_id] - here[servo_id]) <= _JITTER[self._servos.units.of(servo_id)] for servo_id in first
         )

@@ -15,13 +15,12 @@ from servolink.client import Board, servos_of
 from servolink.connection import Connection
 from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Rejected, ServolinkError, WrongBoard
 from servolink.hub.engine.button_relay import ButtonRelay
+from servolink.hub.engine.hub_gates import Standstill, refuse_role
 from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.motions import Motions
 from servolink.hub.engine.program import Program
-from servolink.hub.engine.standstill import Standstill
 from servolink.hub.engine.unit_switch import UnitsKept, UnitSwitch
 from servolink.hub.rules.exchanges import Exchange
-from servolink.hub.rules.hub_gates import refuse_role
 from servolink.motion import StopCounter, Ticket, carries_angles
 from servolink.protocol import (
     ALL_SERVOS,
@@ -73,6 +72,7 @@ class PacketSender:
         self.motions = 0
         """How many motions were sent, or are being sent."""
         self._board = board
+        self._servos = servos_of(board)
         self._motions = motions
         self._stops = stops
         self._keeper = keeper
@@ -86,7 +86,7 @@ class PacketSender:
 
     def send_at_once(self, exchange: Exchange, done: Done) -> bool:
         """Send a query that needs no preparation, and pass the outcome to `done`. Return whether the query was sent."""
-        packet, connection, units = exchange.packet, self._board.connection, self._units
+        packet, connection, units = exchange.packet, self._servos.connection, self._units
         if not isinstance(packet, Query) or self._is_unanswered(packet):
             return False
         heard: Callable[[Packet | ServolinkError, bytes | None], None] = partial(done, exchange)
@@ -126,7 +126,7 @@ class PacketSender:
         is called.
         """
         packet, angle_units = exchange.packet, exchange.program.units
-        exchange.is_unsent = self._board.connection.ended is not None
+        exchange.is_unsent = self._servos.connection.ended is not None
         is_inside = False
         try:
             if isinstance(packet, SetAngleUnitRequest):
@@ -163,7 +163,7 @@ class PacketSender:
 
         The connection does the same for a motion that is sent at once.
         """
-        packet, program, connection = exchange.packet, exchange.program, self._board.connection
+        packet, program, connection = exchange.packet, exchange.program, self._servos.connection
         self._guard(connection)
         if program.has_left:  # and must not take the lease
             return MotionRefused("its program has left")
@@ -194,23 +194,23 @@ class PacketSender:
                 is_done = await _is_done(self._board.write_project_id(packet.project_id))
                 return PACKETS.result_of(packet, done=is_done)
             case QueryServoRequest() if self._is_for_each(packet):
-                return QueryServoResponse(await servos_of(self._board).all.states())
+                return QueryServoResponse(await self._servos.all.states())
             case Request():
                 return await self._request(packet, unchecked=exchange.is_unchecked)
             case _:
                 assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
-                await self._board.connection.send(packet)
+                await self._servos.connection.send(packet)
                 return None
 
     def _is_for_each(self, packet: QueryServoRequest) -> bool:
         """Return whether a query for all servos must be sent for each servo (see `AllServos.is_separate`)."""
-        return packet.servo_id == ALL_SERVOS and servos_of(self._board).all.is_separate
+        return packet.servo_id == ALL_SERVOS and self._servos.all.is_separate
 
     async def _move(self, exchange: Exchange) -> Packet | None:
         """Send a motion, unless forbidden by a limit, or by a stop or another holder since the request."""
         if refusal := self._standstill.refuse(exchange.packet, exchange.ticket, self._stops):
             return await self.refused(exchange, refusal)
-        connection, until = self._board.connection, exchange.ticket.until
+        connection, until = self._servos.connection, exchange.ticket.until
         motions = connection.motions
         try:
             ticket = connection.stops.ticket(until=until, who=exchange.program.session_id)
@@ -275,12 +275,12 @@ class PacketSender:
 
     async def _request(self, packet: Request[Any], *, unchecked: bool) -> Packet:
         timeout = _SILENCE if self._is_unanswered(packet) else None
-        response: Packet = await self._board.connection.request(packet, timeout=timeout, unchecked=unchecked)
+        response: Packet = await self._servos.connection.request(packet, timeout=timeout, unchecked=unchecked)
         return response
 
     def _is_unanswered(self, packet: Request[Any]) -> bool:
         """Return whether the board is known to leave a query unanswered, for which no program should wait for long."""
-        return bool(self._board.connection.opener.unsupported) and packet.short_name in self._board.unanswered
+        return bool(self._servos.connection.opener.unsupported) and packet.short_name in self._board.unanswered
 
 
 async def _is_done(doing: Coroutine[Any, Any, None]) -> bool:

@@ -21,12 +21,12 @@ from servolink.errors import (
     ServolinkError,
     escape,
 )
+from servolink.hub.engine.hub_gates import stops_all
 from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.program import Program
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.engine.upstream import RequestFollower, Upstream
 from servolink.hub.rules.exchanges import Exchange
-from servolink.hub.rules.hub_gates import stops_all
 from servolink.motion import STOPPED, StopCounter
 from servolink.protocol import (
     ALL_SERVOS,

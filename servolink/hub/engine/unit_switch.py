@@ -27,7 +27,7 @@ class UnitSwitch:
     """
 
     def __init__(self, board: Board) -> None:
-        self._board = board
+        self._servos = servos_of(board)
         self._reservation = UnitReservation()
         self._setting = asyncio.Lock()
         self._users = 0
@@ -99,7 +99,7 @@ class UnitSwitch:
                     raise Rejected(f"the board refused the angle unit of servo {request.servo_id}", request)
 
     def _needed(self, packet: Packet, units: ServoUnits) -> tuple[SetAngleUnitRequest, ...]:
-        return self._board.units.needed(units, servos_concerned(packet))
+        return self._servos.units.current.needed(units, servos_concerned(packet))
 
     def _may_set(self, requests: tuple[SetAngleUnitRequest, ...], units: ServoUnits) -> bool:
         now = asyncio.get_running_loop().time()
@@ -107,9 +107,10 @@ class UnitSwitch:
 
     async def _ask(self, request: SetAngleUnitRequest) -> SetAngleUnitResponse:
         # Through the units of the board, which limits are checked in.
-        response = await servos_of(self._board).units.answer_to(request)
+        response = await self._servos.units.answer_to(request)
         if not is_accepted(request, response):
-            self._board.units.forget(request.servo_id)  # on a bad line, the board may have set the unit all the same
+            # On a bad line, the board may have set the unit all the same.
+            self._servos.units.current.forget(request.servo_id)
         return response
 
     async def _until_unused(self, may_set: Callable[[], bool]) -> None:

@@ -11,9 +11,9 @@ from typing import Literal, TypeAlias
 
 from servolink.client import Board
 from servolink.errors import Reason, ServolinkError, escape
+from servolink.hub.engine.hub_gates import MotionOver
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.rules.exchanges import Exchange, RoundRobin
-from servolink.hub.rules.hub_gates import MotionOver
 from servolink.motion import carries_angles
 from servolink.protocol import Codec, Command, Packet, Query, Request
 from servolink.support import Tasks

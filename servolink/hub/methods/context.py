@@ -14,13 +14,13 @@ from servolink.client import Board, ServoStream, Session, servo_or_caption, serv
 from servolink.connection import Connection
 from servolink.control import Code, Greeting, HoldNotice, HoldStatus, Role, RpcError
 from servolink.errors import ConnectionLost, OpenError, RequestTimeout
-from servolink.hub.doors.direct import DirectConnection
+from servolink.hub.doors.direct import DirectProgram
+from servolink.hub.engine.hub_gates import LeaseRefused, MotionOver
 from servolink.hub.engine.questions import Questions
 from servolink.hub.engine.stop_order import MotionsCancelled
 from servolink.hub.hub import Hub
 from servolink.hub.method_messages import MOST_LIMITS, Move
 from servolink.hub.rules.exchanges import MoveOrder, RunEnd
-from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver, nothing_moved
 from servolink.motion import AngleUnit, MotionLimits, MotionPlanner, StopCounter, Ticket
 from servolink.protocol import ExecuteActionExRequest, ExecuteActionRequest, ExecuteMacroRequest
 from servolink.support import time_with_sleep
@@ -55,8 +55,8 @@ class Readings:
         """Return the board of this program, with angles in `unit`."""
         if unit not in self._boards:
             who = "the hub" if unit == "degree" else "the hub, for raw angles"
-            connection = DirectConnection(self._hub, who=who, role=Role.WATCH, unit=unit)
-            self._boards[unit] = _board_on(self._hub, connection, self._hub.board.limits, unit)
+            program = DirectProgram(self._hub, who=who, role=Role.WATCH, unit=unit)
+            self._boards[unit] = _board_of(program, self._hub, self._hub.board.limits)
         return self._boards[unit]
 
     async def close(self) -> None:
@@ -72,7 +72,6 @@ class Control:
         """Speak for the program of `greeting`: a greeting with a session means that the program uses frames already."""
         self.hub = hub
         self.who = greeting.who
-        self.role = Role.parse(greeting.role)
         self.session = session
         """Session id, for lease and exclusive use."""
         self.wants_programs = False
@@ -86,11 +85,11 @@ class Control:
         self._readings = readings
         self._limits: MotionLimits | None = None
         self._dead_man = greeting.dead_man
-        self._connection: DirectConnection | None = None
+        self._program: DirectProgram | None = None
         if greeting.session is None:
-            self._connection = _joined(hub, who=self.who, role=self.role, session=session)
-            self._connection.program.dead_man = greeting.dead_man
-        self.stops = StopCounter() if self._connection is None else self._connection.stops
+            self._program = _joined(hub, who=self.who, role=Role.parse(greeting.role), session=session)
+            self._program.dead_man = greeting.dead_man
+        self.stops = StopCounter() if self._program is None else self._program.stops
         """Stops that end motions of the program."""
         self._board: Board | None = None
         self._changed = asyncio.Event()
@@ -100,8 +99,8 @@ class Control:
         self.hub.end_exclusive_use(self.session)
         if self._board is not None:
             await self._board.close()
-        elif self._connection is not None:
-            await self._connection.close()
+        elif self._program is not None:
+            await self._program.close()
 
     def heard(self, notice: Struct, session: str) -> None:
         """Take a notice of the hub that `session` caused.
@@ -115,7 +114,7 @@ class Control:
 
     async def board(self) -> Board:
         """Return the board of this program, once no other program has exclusive use."""
-        self._own_connection()
+        self._own_program()
         await self.until_free()
         return self._own_board()
 
@@ -129,12 +128,14 @@ class Control:
 
     def _own_board(self) -> Board:
         if self._board is None:
-            self._board = _board_on(self.hub, self._own_connection(), self.limits)
+            self._board = _board_of(self._own_program(), self.hub, self.limits)
+            self._servos = servos_of(self._board)
         return self._board
 
     async def move(self, params: Move, ticket: Ticket) -> float:
         """Move servos for the program, and return the seconds of the movement (see `Hub.move`)."""
-        servos = servos_of(await self.board_to_move(ticket))
+        await self._until_may_move(ticket)
+        servos = self._servos
         movement = await servos.movement(
             params.targets, duration=params.duration, speed=params.speed, any_angle=params.any_angle
         )
@@ -153,7 +154,12 @@ class Control:
 
         Raise MotionRefused if a stop or `end_move` comes after the motion was asked for, and when its time has passed.
         """
-        board = with_ticket(self._own_board(), ticket)
+        await self._until_may_move(ticket)
+        return with_ticket(self._own_board(), ticket)
+
+    async def _until_may_move(self, ticket: Ticket) -> None:
+        """Wait for the end of exclusive use by another program. Raise as `board_to_move`."""
+        self._own_board()
         try:
             async with asyncio.timeout(None if ticket.until == math.inf else ticket.until - time_with_sleep()):
                 while self.holder is not None and self.stops.holds(ticket):
@@ -162,12 +168,11 @@ class Control:
         except TimeoutError:
             raise MotionOver("nothing was moved: the time by which it was to begin has passed") from None
         self._refuse_ticket(ticket)
-        return board
 
     def _refuse_ticket(self, ticket: Ticket) -> None:
         """Raise MotionOver after a stop, after the time of a motion, and right after the hub stood still."""
-        if refusal := self.hub.standstill.refuse(_ANY_MOTION, ticket, self.stops):
-            raise nothing_moved(refusal)
+        if refusal := self._own_program().gates.ticket(_ANY_MOTION, ticket):
+            raise refusal
 
     async def end_move(self, servo_ids: Sequence[int]) -> None:
         """Stop the motions of this program, including unsent ones (see `Hub.end_move`)."""
@@ -181,7 +186,7 @@ class Control:
         The program that holds it reads degrees with its own board, if it can.
         """
         await self.until_free()
-        if unit == "degree" and self.hub.exclusive_use is not None and self._connection is not None:
+        if unit == "degree" and self.hub.exclusive_use is not None and self._program is not None:
             return await self.board()
         return await self._readings.board(unit)
 
@@ -206,7 +211,7 @@ class Control:
 
     def tighten(self, limits: MotionLimits) -> None:
         """Add `limits` to the motions of this program."""
-        self._own_connection()  # what moves by frames would not be limited
+        self._own_program()  # what moves by frames would not be limited
         if self._board is not None:
             raise RpcError(
                 Code.INVALID_REQUEST,
@@ -224,18 +229,18 @@ class Control:
     @property
     def questions(self) -> Questions:
         """Questions to a person. Raise RpcError for a connection that joined the session of another connection."""
-        self._own_connection()  # ids of sessions are no secret: a program could answer as a page that it has joined
+        self._own_program()  # ids of sessions are no secret: a program could answer as a page that it has joined
         return self.hub.questions
 
-    def _own_connection(self) -> DirectConnection:
-        """Return the connection with the board. Raise RpcError without a board."""
-        if self._connection is None:
+    def _own_program(self) -> DirectProgram:
+        """Return the session of this program. Raise RpcError for a connection that joined another one."""
+        if self._program is None:
             raise RpcError(
                 Code.FORBIDDEN,
                 "this connection belongs to a program that has a board of its own",
                 remedy="connect to the control interface without `session`",
             )
-        return self._connection
+        return self._program
 
     # --- lease and hold -----------------------------------------------------------------------------------------
 
@@ -298,16 +303,15 @@ class Control:
             raise ConnectionLost("the session has ended; connect again")
 
 
-def _joined(hub: Hub, *, who: str, role: Role, session: str) -> DirectConnection:
+def _joined(hub: Hub, *, who: str, role: Role, session: str) -> DirectProgram:
     try:
-        return DirectConnection(hub, who=who, door="share", role=role, session_id=session)
+        return DirectProgram(hub, who=who, door="share", role=role, session_id=session)
     except ValueError as error:
         raise OpenError(f"share://{hub.name}: {error}") from None
 
 
-def _board_on(hub: Hub, connection: DirectConnection, limits: MotionLimits, unit: AngleUnit = "degree") -> Board:
-    """Return the board of `hub` for a program, within `limits`."""
-    upstream = hub.board
-    servos = servos_of(upstream)
+def _board_of(program: DirectProgram, hub: Hub, limits: MotionLimits) -> Board:
+    """Return the board of `hub` for a program, within `limits` and in the units of the program."""
+    servos = servos_of(hub.board)
     planner = MotionPlanner(limits, servos.planner.interval_unit)
-    return Board(Session(connection, None, upstream.profile), unit, planner, servos)
+    return Board(Session(program, None, hub.board.profile), None, planner, servos, program.units)

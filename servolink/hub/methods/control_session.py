@@ -16,6 +16,7 @@ from servolink.control import (
     QuestionNotice,
     QuestionOver,
     RefusedNotice,
+    Role,
     StoppedNotice,
 )
 from servolink.hub.engine.hub_recorder import HubRecorder
@@ -80,7 +81,8 @@ class ControlSession:
         self._buttons = ButtonsFeed(self.control.readings, self._notify)
         self._tap = TapFeed(hub, self._notify, lambda: self._peer.is_paused)
         self._recorder = recorder
-        self._peer: Peer[Caller] = Peer(METHODS, self._caller, send, abort, role=self.control.role, reading=reading)
+        role = Role.parse(greeting.role)
+        self._peer: Peer[Caller] = Peer(METHODS, self._caller, send, abort, role=role, reading=reading)
         self._end_listening: Callable[[], None] | None = None
         self._told_dropped = 0
 

@@ -7,6 +7,7 @@ import asyncio
 from servolink.client import with_ticket
 from servolink.control import Ran, Role, RunStarted, Touches
 from servolink.errors import MotionRefused, Reason
+from servolink.hub.engine.hub_gates import refuse_other_use
 from servolink.hub.method_messages import RunPrepare, RunStart
 from servolink.hub.methods.context import PreparedRun
 from servolink.hub.methods.methods import METHODS, Caller
@@ -67,8 +68,8 @@ async def run_start(caller: Caller, params: RunStart) -> RunStarted:
         raise MotionRefused("nothing was moved: the board was connected again since this was prepared")
     if not control.hub.stops.holds(prepared.ticket):
         raise MotionRefused("nothing was moved: the board was stopped since this was prepared", reason=Reason.STOP)
-    if control.holder is not None:
-        raise MotionRefused("nothing was moved: another program has exclusive use", reason=Reason.EXCLUSIVE_USE)
+    if refusal := refuse_other_use(control.hub.exclusive_use, control.session):
+        raise refusal
     packet = prepared.packet
     if not control.limits:
         sent = clock()

@@ -13,7 +13,7 @@ from typing import Any, cast
 from servolink.client import Board, Session, connect
 from servolink.connection import Connection
 from servolink.errors import ConnectionLost, OpenError, ServolinkError
-from servolink.hub import DirectConnection, Hub
+from servolink.hub import DirectProgram, Hub
 from servolink.motion import AngleUnit, MotionLimits, MotionPlanner
 from servolink.protocol import (
     ALL_SERVOS,
@@ -266,15 +266,15 @@ class PatientProgram(LibraryProgram):
         return Board(Session(connection), None, MotionPlanner(MotionLimits()))
 
 
-class DirectProgram(LibraryProgram):
+class InProcessProgram(LibraryProgram):
     """Uses `Board` within the process of the hub, as the control interface does: its packets do not become bytes."""
 
     async def join(self) -> None:
         """Join the hub."""
         unit: AngleUnit = "degree" if self.unit == _DEGREES else "adc"
         self._board = Board(
-            Session(DirectConnection(self._hub, who=self.name, unit=unit)), None, MotionPlanner(MotionLimits())
+            Session(DirectProgram(self._hub, who=self.name, unit=unit)), None, MotionPlanner(MotionLimits())
         )
 
 
-KINDS: tuple[type[SharingProgram], ...] = (RawProgram, LibraryProgram, PatientProgram, DirectProgram)
+KINDS: tuple[type[SharingProgram], ...] = (RawProgram, LibraryProgram, PatientProgram, InProcessProgram)
