@@ -23,7 +23,7 @@ PACKAGE = ROOT / "servolink"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 CEILINGS = {
-    "lines": 75_005,
+    "lines": 75_002,
     "files": 458,
     "names that cross rooms": 605,
     "own imports of a file, median": 5,

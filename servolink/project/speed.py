@@ -131,14 +131,23 @@ class RecordRun:
         return None if is_endless else self.seconds()
 
     def seconds(self) -> float:
-        """Return the duration of the run in seconds. A command lasts `total_interval`, or as long as the contents."""
-        actions = {one.action_id: self._seconds_of(one) for one in self.stored.actions}
+        """Return the duration of the run in seconds."""
         if isinstance(self.record, Action):
-            return actions[self.record.action_id]
+            return self._seconds_of(self.record)
+        return round(sum(self.command_seconds()[self.record.macro_id]), 9)
+
+    def command_seconds(self) -> dict[int, list[float]]:
+        """Return the seconds of each command at full speed, by macro id, as `MacroPlaying` plays them.
+
+        A command lasts `total_interval`, or as long as the contents. A record that is missing takes no time.
+        """
+        actions = {one.action_id: self._seconds_of(one) for one in self.stored.actions}
+        lasts: dict[int, list[float]] = {}
         macros: dict[int, float] = {}
         for macro_id in self._order:
-            macros[macro_id] = sum(_command_seconds(one, actions, macros) for one in self._macros[macro_id].commands)
-        return round(macros[self.record.macro_id], 9)
+            lasts[macro_id] = [_command_seconds(one, actions, macros) for one in self._macros[macro_id].commands]
+            macros[macro_id] = sum(lasts[macro_id])
+        return lasts
 
     def _seconds_of(self, action: Action) -> float:
         return round(max((step.interval for step in action.steps), default=0) * self._interval_unit, 9)
@@ -216,9 +225,9 @@ def _command_seconds(command: MacroCommand, actions: Mapping[int, float], macros
     """Return the duration of a command within a macro, in seconds."""
     match command.type:
         case MacroCommandType.ACTION:
-            once = actions[command.command_id]
+            once = actions.get(command.command_id, 0.0)
         case MacroCommandType.MACRO:
-            once = macros[command.command_id]
+            once = macros.get(command.command_id, 0.0)
         case MacroCommandType.DELAY:
             once = max(command.command_id, 0) / 1000
         case _:  # a type unknown to the document

@@ -10,10 +10,10 @@ import msgspec
 from msgspec import Struct
 
 from servolink.errors import ProjectError
-from servolink.project import Project, name_of
+from servolink.project import Project, RecordRun, name_of
 from servolink.protocol import Action, Macro
 from servolink.twin.mjcf import BASE, FLOOR, part_names
-from servolink.twin.moment import duration, moment
+from servolink.twin.moment import moment
 from servolink.twin.simulation import Physics, Simulation
 from servolink.virtual import DryRun
 
@@ -87,7 +87,7 @@ def run_seconds(project: Project, record: Action | Macro) -> float:
         DryRun(project.actions, project.macros, ()).begin(record)
     except ProjectError as error:
         raise ProjectError(f"{name_of(record)}: {error}; `servolink project check` explains it") from error
-    return duration(project, record)
+    return RecordRun(project, record).seconds()
 
 
 def start(physics: Physics, project: Project, record: Action | Macro, variation: Variation) -> Simulation:
