@@ -5,14 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypeAlias
 
 from servolink.client.captions import Targets, servo_targets
 from servolink.client.captions import servo_id as one_servo_id
 from servolink.client.session import Session
 from servolink.connection import HUB_MARGIN
 from servolink.errors import DecodeError, MotionRefused, Reason, RequestTimeout, ServolinkError
-from servolink.motion import idle_servos, is_no_degree, missing_servo
+from servolink.motion import AngleUnit, Degrees, MotionLimits, idle_servos, missing_servo
 from servolink.protocol import (
     ALL_SERVOS,
     QueryServoListRequest,
@@ -22,6 +22,7 @@ from servolink.protocol import (
 )
 from servolink.support import as_number
 
+_UnitOf: TypeAlias = Callable[[int], AngleUnit | None]
 _logger = logging.getLogger(__name__)
 
 
@@ -44,7 +45,7 @@ class KnownServos:
         self._unlisted: set[int] = set()  # answer under their own ids, and are in no list
         self._mute: set[int] = set()  # ids without a response of their own
         self._idle: dict[int, bool] = {}
-        self._no_degrees: dict[int, int] = {}  # latest angles in degrees that are none
+        self._readings: dict[tuple[int, AngleUnit | None], tuple[int, str]] = {}  # latest angles, and doubts
 
     def _look(self) -> None:
         """Forget all ids and states if the board was lost."""
@@ -108,28 +109,40 @@ class KnownServos:
         """Ask servos without a response again, at the next reading."""
         self._mute.clear()
 
-    # --- angles that are none --------------------------------------------------------------------------------
+    # --- readings that cannot be true ------------------------------------------------------------------------
 
-    def take_angles(self, angles: Mapping[int, int]) -> None:
-        """Take angles in the unit reported."""
-        for servo_id, angle in angles.items():
-            self._no_degrees.pop(servo_id, None)
-            if is_no_degree(angle):
-                self._no_degrees[servo_id] = angle
+    def take_readings(self, readings: Mapping[int, tuple[int, str]], unit_of: _UnitOf) -> None:
+        """Take angles and doubts by servo id, in the units of `unit_of`."""
+        self._look()
+        for servo_id, reading in readings.items():
+            self._readings[servo_id, unit_of(servo_id)] = reading
 
-    def check_angles(self, servo_ids: Iterable[int]) -> None:
-        """Raise MotionRefused for a servo with a reading in degrees beyond a full turn: targets would be none either.
+    def lacks_reading(self, servo_ids: Iterable[int], unit_of: _UnitOf) -> bool:
+        """Return whether a servo was not read in its unit since the board was connected."""
+        self._look()
+        return any((servo_id, unit_of(servo_id)) not in self._readings for servo_id in servo_ids)
 
-        A servo without a reading passes.
+    def check_readings(self, servo_ids: Iterable[int], unit_of: _UnitOf, limits: MotionLimits) -> None:
+        """Raise MotionRefused for a servo whose latest reading cannot be true: where it would start is not known.
+
+        A servo without a reading passes, and one of several turns, which has limits that say so.
         """
         self._look()
         for servo_id in servo_ids:
-            if servo_id in self._no_degrees:
+            angle, doubt = self._readings.get((servo_id, unit_of(servo_id)), (0, ""))
+            is_beyond = isinstance(angle, Degrees) and angle.is_beyond
+            if is_beyond and max(map(abs, limits.of(servo_id) or (0,))) < abs(angle):
                 raise MotionRefused(
-                    f"servo {servo_id} reports {self._no_degrees[servo_id]}°, beyond 360: the board has confirmed "
-                    "degrees and may report raw ADC readings; use --adc (angle_unit='adc'), or for a servo of several "
-                    "turns --any-angle (any_angle=True)",
+                    f"servo {servo_id} reports {angle}°, beyond 360: the board has confirmed degrees and may report "
+                    "raw ADC readings; use --adc (angle_unit='adc'), or for a servo of several turns --any-angle "
+                    "(any_angle=True)",
                     reason=Reason.ANGLE_UNIT,
+                )
+            if doubt and not is_beyond:
+                raise MotionRefused(
+                    f"servo {servo_id} reports values that cannot be true ({doubt}), so where it would start is not "
+                    "known; nothing was sent. Run `servolink doctor`, or move it all the same with --any-angle "
+                    "(any_angle=True)"
                 )
 
     # --- servos that ignore movements -------------------------------------------------------------------------

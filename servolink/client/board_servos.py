@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from servolink.client.all_servos import AllServos, KnownServos
 from servolink.client.angle_units import AngleUnits
 from servolink.client.captions import Targets
-from servolink.client.servo_state import Servo, Servos, angles_of, servo_of, until_arrived, until_over
+from servolink.client.servo_state import Servo, angles_of, servos_of_states, until_arrived, until_over
 from servolink.client.session import Session
 from servolink.client.soft_start import SoftStart
 from servolink.connection import Connection, UnitsChanged
@@ -33,6 +33,7 @@ from servolink.errors import (
 from servolink.motion import (
     FRESH,
     AngleUnit,
+    MotionLimits,
     MotionPlan,
     MotionPlanner,
     Movement,
@@ -270,6 +271,8 @@ class ServoController:
             if points.lacking(targets, loop.time()):
                 servos = await self.servos()
                 points.read(angles_of(targets, servos), loop.time())
+            if not points.any_angle:
+                await self._check_start(targets, points.limits)
             steps = points.steps(targets, loop.time())
             # The movement may wait for the line. After a change of units meanwhile, everything is computed again.
             with suppress(UnitsChanged):
@@ -323,19 +326,26 @@ class ServoController:
             states = await self.all.states(servo_id)
             # After a unit sent during the query, the unit of the response is unknown: read again.
             if units_sent == connection.units_sent:
-                servos = Servos(servo_of(state, self.units.of(state.servo_id)) for state in states)
-                self.known.take_angles({servo.servo_id: servo.angle for servo in servos})
+                servos = servos_of_states(states, self.units.of)
+                self.known.take_readings({each.servo_id: (each.angle, each.doubt) for each in servos}, self.units.of)
                 return servos
 
     async def _planned(self, movement: Movement, planner: MotionPlanner) -> tuple[MotionPlan, set[int]]:
         """Return the plan of a movement for the units set now, and the servos that move."""
         await self.units.ensure()
-        if not movement.any_angle:
-            self.known.check_angles(each for each in movement.targets if self.units.of(each) == "degree")
         first = self.soft_start.first_moves(movement.targets, planner.limits)
         pose, moving = await self._start(movement.targets, needed=planner.needs_pose(movement, first))
+        if not movement.any_angle:
+            await self._check_start(movement.targets, planner.limits)
         first = self.soft_start.first_moves(moving, planner.limits)
         return planner.plan(movement, self.units.of, pose, first), moving
+
+    async def _check_start(self, servo_ids: Iterable[int], limits: MotionLimits) -> None:
+        """Raise MotionRefused for servos with readings that cannot be true; servos without a reading are read."""
+        if self.known.lacks_reading(servo_ids, self.units.of):
+            with suppress(RequestTimeout):  # a board may move servos without reporting them
+                await self.servos()
+        self.known.check_readings(servo_ids, self.units.of, limits)
 
     async def _start(self, servo_ids: Iterable[int], *, needed: bool) -> tuple[dict[int, int], set[int]]:
         """Return the present angles of servos, if needed, and the servos to move.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncGenerator, Awaitable, Callable, Iterable, Mapping
+from collections.abc import AsyncGenerator, Awaitable, Callable, Iterable, Mapping, Sequence
 from contextlib import aclosing
 
 from msgspec import Struct
 
 from servolink.errors import NotFound, OutcomeUnknown, RequestTimeout, TargetNotReached, html_table
-from servolink.motion import AngleUnit, Degrees, in_unit
+from servolink.motion import AngleUnit, Degrees, doubts, in_unit
 from servolink.protocol import ALL_SERVOS, QueryServoRequest, ServoState
 
 _ARRIVED = 2  # degrees (or ADC steps) from the target
@@ -34,18 +34,25 @@ class Servo(Struct, frozen=True):
     """Whether the servo may move; a stopped servo ignores movements."""
     is_hold: bool
     """Whether the servo holds an angle; a released servo is limp."""
+    doubt: str = ""
+    """Why these values cannot be true, such as `not measured`; empty for a plausible state."""
 
     @property
     def state(self) -> str:
-        """`released`, `stopped`, or `ready` to move."""
-        return "released" if not self.is_hold else "stopped" if not self.is_start else "ready"
+        """`released`, `stopped`, or `ready` to move; for values that cannot be true, the doubt."""
+        return self.doubt or ("released" if not self.is_hold else "stopped" if not self.is_start else "ready")
 
     def _repr_html_(self) -> str:
         return Servos((self,))._repr_html_()
 
 
-def servo_of(state: ServoState, unit: AngleUnit | None) -> Servo:
-    """Return a servo with the state in a response, and the angle in `unit`."""
+def servos_of_states(states: Sequence[ServoState], unit_of: Callable[[int], AngleUnit | None]) -> Servos:
+    """Return servos with the states in a response, angles in the units of `unit_of`, and doubts about the values."""
+    doubtful = doubts(states, unit_of)
+    return Servos(_servo_of(state, unit_of(state.servo_id), doubtful.get(state.servo_id, "")) for state in states)
+
+
+def _servo_of(state: ServoState, unit: AngleUnit | None, doubt: str) -> Servo:
     return Servo(
         state.servo_id,
         in_unit(state.angle, unit),
@@ -54,6 +61,7 @@ def servo_of(state: ServoState, unit: AngleUnit | None) -> Servo:
         state.servo_type,
         bool(state.is_start),
         bool(state.is_hold),
+        doubt,
     )
 
 
@@ -65,14 +73,14 @@ class Servos(tuple[Servo, ...]):
     def _repr_html_(self) -> str:
         columns = ("servo", "angle", "state", "current (raw)", "temperature (raw)", "type")
         rows = [
-            (one.servo_id, _angle_text(one.angle), one.state, one.current, one.temperature, one.servo_type)
-            for one in self
+            (one.servo_id, _angle_text(one), one.state, one.current, one.temperature, one.servo_type) for one in self
         ]
         return html_table(columns, rows)
 
 
-def _angle_text(angle: int) -> str:
-    return f"{angle}°" if isinstance(angle, Degrees) else str(angle)
+def _angle_text(servo: Servo) -> str:
+    text = f"{servo.angle}°" if isinstance(servo.angle, Degrees) else str(servo.angle)
+    return f"{text} ({servo.doubt})" if servo.doubt else text
 
 
 def angles_of(servo_ids: Iterable[int], servos: Iterable[Servo]) -> dict[int, int]:

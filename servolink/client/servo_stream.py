@@ -143,7 +143,7 @@ def stream_on(
     hz, gap = as_number(hz), as_number(gap)
     check_rate(hz, gap)
     begun, planner = ticket or session.ticket(), servos.planner
-    points = SetPoints(planner.limits, hz, planner.interval_unit)
+    points = SetPoints(planner.limits, hz, planner.interval_unit, any_angle=any_angle)
     # The hub knows where the last target of any program has brought a servo, and limits of the board.
     hub = session.connection.hub
     through_hub = None if hub is None else hub.stream(hz, gap, planner.limits, any_angle=any_angle)

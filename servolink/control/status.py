@@ -105,3 +105,6 @@ class ServoNow(Struct, frozen=True, omit_defaults=True):
         int | None,
         about("degrees between the angle and the planned angle; left out if the plan is unknown"),
     ] = None
+    doubt: Annotated[
+        str, about("why these values cannot be true, such as `not measured`; left out for plausible values")
+    ] = ""

@@ -12,10 +12,16 @@ from servolink.doctor.finding import Finding
 from servolink.doctor.learn_line import Quality, SharedTransport, TrialLine
 from servolink.doctor.learn_queries import ALL_STATES, Survey, name_of, set_mode_again, survey_board
 from servolink.doctor.line_quality import LineCounts
+from servolink.motion import doubts
 from servolink.protocol import (
     ByteOrder,
     Codec,
     Query,
+    QueryMemorySizeRequest,
+    QueryMemorySizeResponse,
+    QueryRemainPowerRequest,
+    QueryRemainPowerResponse,
+    QueryServoRequest,
     QueryServoResponse,
     Request,
     Response,
@@ -29,6 +35,10 @@ _PAUSE = 2.5  # seconds without a request, in which some boards fall asleep or f
 _DROWSY = 0.3  # seconds without a request before the second try to wake a board
 _DEPTH, _ROUNDS = 4, 2  # queries at once, and how often
 _SHORTEST, _LONGEST = 0.15, 2.0  # seconds of patience
+_FULL = 1000  # per mille
+_MOST_SINGLE = 8  # servos asked singly
+_CABLES = "check the cables of the servos"
+_SHOW = "update the firmware, or show this to its maker"
 _FEW = 1  # damaged responses on a line that seemed good
 
 
@@ -50,7 +60,8 @@ async def converse(
         survey = await survey_board(trial, quality, transport.record, _TRIES)
         if (mark := survey.bridge) is not None:
             return survey, [Finding(mark.name, f"the line {mark.text}", mark.meaning, mark.remedy)]
-        findings = [*([] if pause is None else [pause]), *_contents(survey), *_losses(survey), *_servos(survey)]
+        findings = [*([] if pause is None else [pause]), *_contents(survey), *_losses(survey)]
+        findings += [*await _servos(trial, survey), *_impossible(survey)]
         if not (line.unanswered or line.noise_bytes or findings) and not await _takes_several(trial, answered):
             findings.append(_ONE_AT_A_TIME)
     return survey, findings
@@ -107,7 +118,7 @@ def _contents(survey: Survey) -> Iterator[Finding]:
             "contradiction",
             "; ".join(remarks),
             "the response is intact, and says different things: programs cannot use it",
-            "update the firmware, or show this to its maker",
+            _SHOW,
         )
     if survey.garbled:
         texts = dict.fromkeys(survey.garbled.values())
@@ -118,7 +129,7 @@ def _contents(survey: Survey) -> Iterator[Finding]:
             "responses",
             "; ".join(f"{names[text]}: the board answers, but {text}" for text in texts),
             "the board answers in a form that the document does not have, so programs cannot read it",
-            "update the firmware, or show this to its maker",
+            _SHOW,
         )
 
 
@@ -140,29 +151,77 @@ def _losses(survey: Survey) -> Iterator[Finding]:
         )
 
 
-def _servos(survey: Survey) -> Iterator[Finding]:
-    """Compare the response for all servos with the list of servos."""
+async def _servos(trial: TrialLine, survey: Survey) -> list[Finding]:
+    """Compare the response for all servos with the list of servos, and ask those that are left out singly."""
     listed, states = survey.servo_ids, survey.responses.get(ALL_STATES)
     if listed is None:
-        return
+        return []
     if not listed:
-        yield Finding(
-            "servos",
-            "the board lists no servos",
-            "no servo can be moved",
-            "check the cables of the servos, and their power supply",
-        )
-    reported = {state.servo_id for state in states.servos} if isinstance(states, QueryServoResponse) else set()
-    is_read = states is not None or ALL_STATES in survey.silent
-    if is_read and (missing := set(listed) - reported):
-        yield Finding(
+        text = "the board lists no servos"
+        return [Finding("servos", text, "no servo can be moved", f"{_CABLES}, and their power supply")]
+    reported = {state.servo_id for state in states.servos} if isinstance(states, QueryServoResponse) else set[int]()
+    missing = sorted(set(listed) - reported) if states is not None or ALL_STATES in survey.silent else []
+    if not missing:
+        return []
+    mute = [servo_id for servo_id in missing[:_MOST_SINGLE] if not await _reports(trial, servo_id)]
+    if mute:
+        who = f"servo {mute[0]} is" if len(mute) == 1 else f"servos {', '.join(map(str, mute))} are"
+        return [
+            Finding(
+                "servos",
+                f"{who} in the list of the board, and not reported, asked singly either",
+                "the board does not reach the servo: its cable, its power or its id; it does not move",
+                f"{_CABLES}, and their ids",
+            )
+        ]
+    return [
+        Finding(
             "servos",
             f"the response for all servos had {len(reported)} of the {len(listed)} servos in the list, without "
-            f"{', '.join(map(str, sorted(missing)))}",
+            f"{', '.join(map(str, missing))}",
             "programs read the servos that are left out one by one, which takes longer",
             "",
             is_harmless=True,
         )
+    ]
+
+
+async def _reports(trial: TrialLine, servo_id: int) -> bool:
+    """Return whether a servo that is asked singly reports under its own id."""
+    for _ in range(_TRIES):
+        frame = await trial.ask(QueryServoRequest(servo_id))
+        response = None if frame is None else trial.decode(frame)
+        if isinstance(response, QueryServoResponse):
+            return any(state.servo_id == servo_id for state in response.servos)
+    return False
+
+
+def _impossible(survey: Survey) -> Iterator[Finding]:
+    """Report values that cannot be true: of servos, of the charge and of the memory."""
+    states = survey.responses.get(ALL_STATES)
+    servos = states.servos if isinstance(states, QueryServoResponse) else ()
+    found = doubts(servos, lambda _: None, compares=True)
+    if found:
+        shown = "; ".join(f"servo {servo_id}: {doubt}" for servo_id, doubt in found.items())
+        is_some = len(found) < len(servos)
+        yield Finding(
+            "impossible values",
+            f"the states of {len(found)} of {len(servos)} servos cannot be true: {shown}",
+            "the board does not reach these servos, and fills in what it does not know; programs mark their values, "
+            "and start no movement from them"
+            if is_some
+            else "the firmware has another form of states, or does not measure; programs mark the values, and start "
+            "no movement from them",
+            f"{_CABLES}, their ids and their power supply" if is_some else _SHOW,
+        )
+    power = survey.responses.get(QueryRemainPowerRequest())
+    memory = survey.responses.get(QueryMemorySizeRequest())
+    if isinstance(power, QueryRemainPowerResponse) and not -1 <= power.permil <= _FULL:
+        text = f"the charge of the battery is {power.permil / 10:g} %"
+        yield Finding("impossible values", text, "the firmware reports it in another unit", _SHOW, is_harmless=True)
+    if isinstance(memory, QueryMemorySizeResponse) and memory.size > (memory.total_size or memory.size) >= 0:
+        text = f"{memory.size} of memory are free, of {memory.total_size} in all"
+        yield Finding("impossible values", text, "the firmware counts them differently", _SHOW, is_harmless=True)
 
 
 _ONE_AT_A_TIME = Finding(

@@ -315,14 +315,14 @@ class Announcer:
 
 
 def _vitals(frame: ServosFrame) -> Vitals:
-    temperatures = {servo.servo_id: servo.temperature_raw for servo in frame.servos}
-    currents = {servo.servo_id: servo.current_raw for servo in frame.servos}
+    true = [servo for servo in frame.servos if not servo.doubt]
+    unknown = dict.fromkeys(servo.servo_id for servo in frame.servos if servo.doubt)
     return Vitals(
-        {servo.servo_id: servo.angle for servo in frame.servos},
-        temperatures,
-        currents,
-        max(temperatures.values(), default=None),
-        max(currents.values(), default=None),
+        {servo.servo_id: servo.angle for servo in true} | unknown,
+        {servo.servo_id: servo.temperature_raw for servo in true} | unknown,
+        {servo.servo_id: servo.current_raw for servo in true} | unknown,
+        max((servo.temperature_raw for servo in true), default=None),
+        max((servo.current_raw for servo in true), default=None),
     )
 
 

@@ -48,6 +48,7 @@ CATALOG_SECONDS = 60.0
 
 _LEAST_PAUSE = 0.2  # seconds from a change to the state message
 _MOST_PROBLEMS = 5
+_FULL = 100  # percent; a higher charge cannot be true
 _MOST_LINES = 10  # of the log in a second
 
 
@@ -231,7 +232,7 @@ class Telemetry:
                 percent: float | None = (await self._ask("battery", {}, Battery)).percent
             except HubError:
                 percent = None
-            self._change(battery_percent=percent)
+            self._change(battery_percent=None if (percent or 0) > _FULL else percent)
         if now >= self._catalog_due:
             self._catalog_due = now + CATALOG_SECONDS
             await self._look_at_catalog()

@@ -130,7 +130,7 @@ class BoardNow(Struct, frozen=True, kw_only=True):
     version: Annotated[str, about("of servolink on that machine")]
     connection: ConnectionState
     allow: Annotated[RoleName, about("remote control allowed for the board")]
-    battery_percent: Annotated[float | None, about("to 0.1; null if the board does not say")] = None
+    battery_percent: Annotated[float | None, about("to 0.1; null if unknown, or beyond 100")] = None
     problems: Annotated[tuple[str, ...], about("the latest, which people should look at")] = ()
     noise: Annotated[int, about("bytes from the board that belong to no frame")] = 0
     programs: Annotated[int, about("that use the board on its machine")] = 0
@@ -153,11 +153,14 @@ class ServosNow(ServosFrame, frozen=True):
 
 
 class Vitals(Struct, frozen=True):
-    """Readings for programs that keep every value. Sent to `vitals`, retained, every few seconds; by servo id."""
+    """Readings for programs that keep every value. Sent to `vitals`, retained, every few seconds; by servo id.
 
-    angle: dict[int, int]
-    temperature_raw: dict[int, int]
-    current_raw: dict[int, int]
+    Values that cannot be true are null.
+    """
+
+    angle: dict[int, int | None]
+    temperature_raw: dict[int, int | None]
+    current_raw: dict[int, int | None]
     highest_temperature_raw: int | None
     highest_current_raw: int | None
 

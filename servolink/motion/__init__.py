@@ -11,10 +11,10 @@ from servolink.motion.angles import (
     carries_angles,
     in_unit,
     is_accepted,
-    is_no_degree,
     servos_concerned,
     unit_request,
 )
+from servolink.motion.doubts import doubts
 from servolink.motion.limits import AngleLimits, MotionLimits, SpeedCap, degrees_per_second, motion_limits
 from servolink.motion.movement import (
     INTERVAL_UNIT,
@@ -39,10 +39,10 @@ __all__ = [
     "ServoUnits",
     "carries_angles",
     "in_unit",
-    "is_no_degree",
     "is_accepted",
     "servos_concerned",
     "unit_request",
+    "doubts",
     # limits
     "AngleLimits",
     "MotionLimits",

@@ -23,6 +23,7 @@ from servolink.support import as_number, is_number
 AngleUnit = Literal["degree", "adc"]
 
 _LEAST, _GREATEST = -0x8000, 0x7FFF  # in the field of a packet
+_TURN_DEGREES = 360
 
 
 class Angle(int):
@@ -110,19 +111,16 @@ class Degrees(Angle):
 
     unit: ClassVar[str] = "degree"
 
+    @property
+    def is_beyond(self) -> bool:
+        """Whether the angle is beyond a full turn; a reported one may be in another unit."""
+        return not -_TURN_DEGREES <= int(self) <= _TURN_DEGREES
+
 
 class Adc(Angle):
     """An angle as the raw reading of the servo's analog-to-digital converter."""
 
     unit: ClassVar[str] = "adc"
-
-
-_MOST_DEGREES = 360
-
-
-def is_no_degree(angle: int) -> bool:
-    """Return whether an angle is reported in degrees and is beyond a full turn, so that it must be something else."""
-    return isinstance(angle, Degrees) and not -_MOST_DEGREES <= int(angle) <= _MOST_DEGREES
 
 
 def in_unit(value: int, unit: AngleUnit | None) -> int:

@@ -41,13 +41,17 @@ class SetPoints:
     servo goes to its first set-point no faster than that.
     """
 
-    def __init__(self, limits: MotionLimits, hz: float, interval_unit: float = INTERVAL_UNIT) -> None:
+    def __init__(
+        self, limits: MotionLimits, hz: float, interval_unit: float = INTERVAL_UNIT, *, any_angle: bool = False
+    ) -> None:
         """Limit up to `hz` set-points a second by `limits`; an interval of 1 stands for `interval_unit` seconds."""
         self.limits = limits
         self.arrived: set[int] = set()
         """Servos that were sent to a set-point without shortening."""
         self.latest: tuple[Step, ...] = ()
         """Steps of the last movement sent."""
+        self.any_angle = any_angle
+        """Whether servos whose readings cannot be true are moved too."""
         self.motions = -1
         """Motions sent on the connection up to the last set-point; another number means that something else moved."""
         self._period = max(1 / hz, interval_unit)

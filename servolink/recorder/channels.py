@@ -71,6 +71,7 @@ class RecordedServo(Struct, frozen=True, omit_defaults=True):
     is_start: Annotated[bool, _about("whether the servo may move; a stopped servo ignores movements")]
     is_hold: Annotated[bool, _about("whether the servo holds an angle; a released servo is limp")]
     caption: Annotated[str, _about("left out if unknown")] = ""
+    doubt: Annotated[str, _about("why these values cannot be true; left out for plausible values")] = ""
 
 
 class ServosRead(Struct, frozen=True, omit_defaults=True):

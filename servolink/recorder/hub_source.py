@@ -130,4 +130,5 @@ def _servo(servo: ServoNow) -> Servo:
         servo.servo_type,
         servo.is_start,
         servo.is_hold,
+        servo.doubt,
     )

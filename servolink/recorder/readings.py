@@ -68,4 +68,5 @@ def _state(servo: Servo) -> RecordedServo:
         servo.servo_type,
         servo.is_start,
         servo.is_hold,
+        doubt=servo.doubt,
     )

@@ -46,6 +46,7 @@ class ServoRange:
         self.angles = [state.angle, state.angle]
         self.most_current = state.current_raw
         self.most_temperature = state.temperature_raw
+        self.doubts = {state.doubt} - {""}
 
     def take(self, state: RecordedServo) -> None:
         """Take another report of the servo."""
@@ -53,6 +54,7 @@ class ServoRange:
         self.angles = [min(self.angles[0], state.angle), max(self.angles[1], state.angle)]
         self.most_current = max(self.most_current, state.current_raw)
         self.most_temperature = max(self.most_temperature, state.temperature_raw)
+        self.doubts |= {state.doubt} - {""}
 
 
 class Summary:
@@ -122,6 +124,7 @@ class Summary:
                     "angles": [round(angle, 3) for angle in each.angles],
                     "most_current_raw": each.most_current,
                     "most_temperature_raw": each.most_temperature,
+                    "doubts": sorted(each.doubts),
                 }
                 for servo_id, each in sorted(self.servos.items())
             },

@@ -163,8 +163,9 @@ async def test_the_right_board_is_asked_once_for_each_connection() -> None:
     store(fake)
     async with connect(fake, profile=REX) as board:
         assert len(fake.sent_of(QueryServoListRequest)) == 1
+        await board.servos()  # counted against the list
         await asyncio.gather(board.move({1: 5}, duration=1), board.run_action(1), board.write_project_id(8))
-    assert len(fake.sent_of(QueryServoListRequest)) == 1
+    assert len(fake.sent_of(QueryServoListRequest)) == 2
     assert fake.executed_of(ExecuteActionRequest)
 
 

@@ -7,7 +7,11 @@ from typing import Any
 
 import pytest
 
-from tests.hub.control_program import RpcFailed, RpcProgram, shared
+from servolink.client import connect
+from servolink.hub import share
+from servolink.virtual import BoardTransport, VirtualBoard
+from tests.hub.control_program import RpcFailed, RpcProgram, Shared, shared
+from tests.lab.odd.dialects import UnitLies
 
 
 async def by_move(page: RpcProgram, targets: dict[str, float], **options: Any) -> object:
@@ -61,3 +65,21 @@ async def test_accepted_set_points_of_a_page_ask_the_board_for_nothing() -> None
         for angle in range(20):
             await page.call("stream.send", stream=stream, targets={"1": angle})
         assert stats.frames_sent == sent + 20 + stats.fences - fences
+
+
+@DOORS
+async def test_no_motion_of_a_page_starts_from_a_reading_that_cannot_be_true(door: Door) -> None:
+    board = UnitLies()
+    async with (
+        connect(BoardTransport(board), angle_unit=None) as upstream,
+        share(upstream, name="rex") as hub,
+        Shared(hub, VirtualBoard()).program() as page,
+    ):
+        with pytest.raises(RpcFailed, match="servo 1 reports 500°, beyond 360") as failed:
+            await door(page, {"1": 20})
+        assert failed.value.kind == "MotionRefused"
+        with pytest.raises(RpcFailed, match="servo 1 reports 500°, beyond 360"):
+            await door(page, {"1": 30})
+        assert board.servos[1].degrees(board.now + 9) == 0
+        await door(page, {"1": 530}, any_angle=True)
+        assert board.servos[1].degrees(board.now + 9) == 10

@@ -138,7 +138,15 @@ def test_figures() -> None:
         },
         "noise_bytes": 4,
         "missed_readings": 2,
-        "servos": {3: {"caption": "hip", "angles": [-4.0, 10.0], "most_current_raw": 9, "most_temperature_raw": 300}},
+        "servos": {
+            3: {
+                "caption": "hip",
+                "angles": [-4.0, 10.0],
+                "most_current_raw": 9,
+                "most_temperature_raw": 300,
+                "doubts": [],
+            }
+        },
     }
 
 

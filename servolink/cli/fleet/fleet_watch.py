@@ -130,7 +130,7 @@ def _table(boards: Sequence[BoardSeen]) -> Table:
 
 
 def _hottest(seen: BoardSeen) -> int | None:
-    """Return the highest raw temperature of the servos; None for unknown temperatures."""
+    """Return the highest plausible raw temperature of the servos; None for unknown temperatures."""
     if not seen.is_online or (frame := seen.servos) is None:
         return None
-    return max((servo.temperature_raw for servo in frame.servos), default=None)
+    return max((servo.temperature_raw for servo in frame.servos if not servo.doubt), default=None)

@@ -88,7 +88,10 @@ def are(servo_ids: Sequence[int]) -> str:
 
 
 class ServoReport(Struct, frozen=True):
-    """Report of a servo; null for an unread caption, and for an unknown unit."""
+    """Report of a servo; null for an unread caption, and for an unknown unit.
+
+    `doubt` says why the values cannot be true, such as "not measured"; it is empty for plausible ones.
+    """
 
     servo_id: int
     servo_caption: str | None
@@ -99,13 +102,16 @@ class ServoReport(Struct, frozen=True):
     servo_type: int
     is_start: bool
     is_hold: bool
+    doubt: str
 
     @classmethod
     def of(cls, servo: Servo, captions: Mapping[int, str]) -> Self:
         """Return the report of `servo`; its caption is None unless in `captions`."""
         caption, unit = captions.get(servo.servo_id), servo.angle.unit if isinstance(servo.angle, Angle) else None
         sensors = servo.current, servo.temperature, servo.servo_type
-        return cls(servo.servo_id, caption, int(servo.angle), unit, *sensors, servo.is_start, servo.is_hold)
+        return cls(
+            servo.servo_id, caption, int(servo.angle), unit, *sensors, servo.is_start, servo.is_hold, servo.doubt
+        )
 
 
 class ServoReports(CommandResult, frozen=True):

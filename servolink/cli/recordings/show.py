@@ -236,10 +236,13 @@ def _milliseconds(seconds: float | None) -> float | None:
 
 def _servos(summary: Summary) -> Table:
     rows = [
-        (servo_id, each.caption, *(round(angle, 1) for angle in each.angles), each.most_current, each.most_temperature)
+        (
+            *(servo_id, each.caption, *(round(angle, 1) for angle in each.angles)),
+            *(each.most_current, each.most_temperature, ", ".join(sorted(each.doubts)) or None),
+        )
         for servo_id, each in sorted(summary.servos.items())
     ]
-    return Table(("servo", "caption", "lowest", "highest", "most current", "most temperature"), rows)
+    return Table(("servo", "caption", "lowest", "highest", "most current", "most temperature", "doubts"), rows)
 
 
 def _facts(summary: Summary) -> Iterator[tuple[str, str]]:

@@ -19,7 +19,7 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from servolink.errors import EncodeError, Reason, RequestError, ServolinkError, TargetNotReached, escape
-from servolink.motion import Adc, Angle, Degrees, is_no_degree
+from servolink.motion import Adc, Angle, Degrees
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -256,9 +256,9 @@ def counted(count: int, noun: str) -> str:
 
 def angle_text(angle: int) -> str:
     """Return an angle as written by people, with the unit if known."""
-    if is_no_degree(angle):
-        return f"{angle}° (beyond 360)"
-    return f"{angle}°" if isinstance(angle, Degrees) else f"{angle} ADC" if isinstance(angle, Adc) else str(angle)
+    if isinstance(angle, Degrees):
+        return f"{angle}° (beyond 360)" if angle.is_beyond else f"{angle}°"
+    return f"{angle} ADC" if isinstance(angle, Adc) else str(angle)
 
 
 SPOKEN = "servolink.spoken"

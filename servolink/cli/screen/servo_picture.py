@@ -26,6 +26,7 @@ _LEAST_LABEL, _WIDEST_LABEL = 5, 20
 _STYLES = {"ready": "", "stopped": "cyan", "released": "yellow"}
 _BAD = "bold red"
 _SHOWN_ALARMS = 3
+_FULL = 100  # percent
 
 
 @dataclass
@@ -114,6 +115,7 @@ def wrapped(text: str, width: int, style: str = "") -> Iterator[Line]:
 def _head(watched: Watched, width: int) -> Iterator[Line]:
     """Yield connection and battery, what the line lost, and button events."""
     battery = "unknown" if watched.battery is None else f"{watched.battery:g} %"
+    battery += " (implausible)" if (watched.battery or 0) > _FULL else ""
     line = f"{watched.state}  {watched.seconds:.1f} s  battery {battery}  {escape(watched.name)}"
     yield from islice(wrapped(line, width, "bold green" if watched.state == "connected" else _BAD), 2)
     stats = watched.stats
@@ -162,10 +164,10 @@ class _ServoTable:
             self._bar(servo),
             str(servo.current),
             str(servo.temperature),
-            servo.state,
+            "doubtful" if servo.doubt else servo.state,
         )
         is_bad = any(alarm.is_bad(alarm.value_of(servo)) for alarm in self._watched.alarms)
-        return row, _BAD if is_bad else _STYLES[servo.state]
+        return row, _BAD if is_bad or servo.doubt else _STYLES[servo.state]
 
     def _row(self, label: str, angle: str, bar: str, current: str, temperature: str, state: str) -> str:
         drawn = f"{bar:{self._bar_width}}  " if self._bar_width else ""

@@ -48,6 +48,7 @@ _SERVO = {
     "current_raw": "Current of the servo, as the board reports it, without a unit.",
     "temperature_raw": "Temperature of the servo, as the board reports it, without a unit.",
     "ready": "Whether the servo holds its angle and obeys movements.",
+    "doubtful": "Whether the servo reports values that cannot be true, which are left out.",
 }
 
 
@@ -120,7 +121,7 @@ class FleetCollector:
                 for name, value in _servo_values(servo).items():
                     gauges[name].add_metric([seen.name, str(servo.servo_id)], value)
             for alarm in self._alarms:
-                count = sum(alarm.is_bad(getattr(servo, alarm.quantity)) for servo in frame.servos)
+                count = sum(alarm.is_bad(getattr(servo, alarm.quantity)) for servo in frame.servos if not servo.doubt)
                 alarms.add_metric([seen.name, str(alarm)], count)
         yield from (*gauges.values(), alarms)
 
@@ -133,13 +134,18 @@ def _gauges(kind: str, described: Mapping[str, str], labels: Sequence[str]) -> d
 
 
 def _servo_values(servo: ServoNow) -> dict[str, float]:
-    """Return the values of a servo by name, without an angle in another unit than degrees, and an unknown lag."""
+    """Return the values of a servo by name, without an angle in another unit than degrees, and an unknown lag.
+
+    Of values that cannot be true, only that is returned.
+    """
+    if servo.doubt:
+        return {"doubtful": 1.0}
     values = {"current_raw": servo.current_raw, "temperature_raw": servo.temperature_raw}
     if servo.angle_unit == "degree":
         values["angle_degrees"] = servo.angle
     if servo.lag is not None:
         values["lag_degrees"] = servo.lag
-    return {**values, "ready": float(servo.is_start and servo.is_hold)}
+    return {**values, "ready": float(servo.is_start and servo.is_hold), "doubtful": 0.0}
 
 
 @asynccontextmanager

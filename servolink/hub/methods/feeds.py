@@ -264,4 +264,5 @@ def _servo_now(servo: Servo, courses: Courses, now: float) -> ServoNow:
         servo.is_start,
         servo.is_hold,
         courses.lag(servo.servo_id, angle, now) if unit == "degree" else None,
+        servo.doubt,
     )

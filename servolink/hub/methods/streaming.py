@@ -25,7 +25,7 @@ def stream_begin(caller: Caller, params: StreamBegin) -> StreamBegun:
     control, board = caller.control, caller.control.hub.board
     limits = reduce(MotionLimits.tightened, (limit.limits() for limit in params.limits), control.limits)
     planner = MotionPlanner(limits, servos_of(board).planner.interval_unit)
-    points = SetPoints(limits, params.hz, planner.interval_unit)
+    points = SetPoints(limits, params.hz, planner.interval_unit, any_angle=params.any_angle)
     ticket = control.hub.stops.ticket(who=control.session)
 
     async def send_points(angles: Mapping[int, float], until: float) -> Mapping[int, int]:

@@ -46,6 +46,7 @@ def test_each_channel_has_a_table(recording: Path, capsys: pytest.CaptureFixture
         "servo_type": "1",
         "is_start": "1",
         "is_hold": "1",
+        "doubt": "",
         "missed": "0",
     }
     assert [row["data"] for row in table(recording.with_name("out.wire.csv"))] == ["134c"]

@@ -191,11 +191,11 @@ TABLE: dict[str, Row] = {
     "mixed-order": Row(
         ("contradiction",),
         {"caption_encoding": None, "unknown_ids": None},
-        {"servos": "take", "info": "take", "export": "take", "move": "28416"},
+        {"servos": "take", "info": "take", "export": "take", "move": "fits only the other byte order"},
         said="byte order",
     ),
     "listed-twice": Row(),
-    "dead-servo": Row((), {}, {"stop": "servos [3] report that they may still move"}),
+    "dead-servo": Row(("impossible values",), {}, {"stop": "servos [3] report that they may still move"}),
     "bad-record": Row((), {}, {"export": "QueryActionRequest(action_id=2) was not answered"}),
     "old-states": Row((), {}, {"stop": _UNCONFIRMED}),
     "content-sum": Row(("checksum",), _SUM, all_refuse(_SUM), said="the sum of the content only"),

@@ -5,14 +5,18 @@ Modules: servolink.doctor.all_responses, servolink.doctor.learn_line, servolink.
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
+
 import pytest
 
 from servolink.boards import ProfileFile
-from servolink.client import Board
-from servolink.errors import ConnectionLost
-from servolink.virtual import BOARDS
+from servolink.client import Board, connect
+from servolink.errors import ConnectionLost, MotionRefused
+from servolink.virtual import BOARDS, BoardTransport
 from tests.lab.odd.board import OddBoard, OddLine
 from tests.lab.odd.dialects import UnitLies
+from tests.lab.odd.firmwares import MixedOrder
 from tests.lab.odd.wire import Values
 from tests.lab.zoo.trials import MakeZoo
 
@@ -135,3 +139,90 @@ def test_an_import_that_dies_before_its_backup_leaves_nothing_to_undo(
     assert 9 in board.board.records[30010]
     assert board.on_board("rollback", "1", "--yes").code == 0
     assert 9 not in board.board.records[30010]
+
+
+# --- servos that do not report ----------------------------------------------------------------------------------------
+
+
+def test_a_dead_servo_is_marked_and_no_motion_starts_from_it(zoo: MakeZoo) -> None:
+    board = zoo("dead-servo")
+    findings = board("--json", "doctor", "rex").json["findings"]
+    assert [(each["check"], "servo 3: not measured" in each["observation"]) for each in findings] == [
+        ("impossible values", True)
+    ]
+    shown = board.on_board("servos").out
+    assert shown.count("not measured") == 1
+    doubtful = {each["servo_id"]: each["doubt"] for each in board.on_board("--json", "servos").json["servos"]}
+    assert doubtful == {1: "", 2: "", 3: "not measured", 4: ""}
+    before = [servo.degrees(board.board.now + 9) for servo in board.board.servos.values()]
+    refused = board.on_board("move", "1=30", "3=30", "--duration", "0.1")
+    assert "servo 3 reports values that cannot be true (not measured)" in refused.err
+    assert [servo.degrees(board.board.now + 9) for servo in board.board.servos.values()] == before
+    assert board.on_board("move", "1=30", "--duration", "0.1").code == 0
+    assert board.on_board("move", "3=30", "--duration", "0.1", "--any-angle", "--no-wait").code == 0
+    assert board.board.servos[3].degrees(board.board.now + 9) == 30
+
+
+class Unreached(OddBoard, name="unreached"):
+    """Servo in the list whose state is never sent."""
+
+    def servo_states(self, values: Values) -> Values:
+        states = [state for state in super().servo_states(values)["servos"] if state["servoID"] != 2]
+        return {"servoCount": len(states), "servos": states}
+
+
+class OnlyZeros(OddBoard, name="only-zeros"):
+    """Servo without a cable: all bytes of its state are 0."""
+
+    def servo_states(self, values: Values) -> Values:
+        found = super().servo_states(values)
+        for state in found["servos"]:
+            if state["servoID"] == 4:
+                state.update(dict.fromkeys(["angle", "current", "temperature", "servoType", "isStart", "isHold"], 0))
+        return found
+
+
+@pytest.mark.parametrize(
+    ("odd", "check", "words"),
+    [
+        (Unreached, "servos", "servo 2 is in the list of the board, and not reported, asked singly either"),
+        (OnlyZeros, "impossible values", "servo 4: only zeros, unlike the others"),
+        (Implausible, "impossible values", "the charge of the battery is 150 %"),
+        (Implausible, "impossible values", "100000 of memory are free, of 65536 in all"),
+    ],
+)
+def test_doctor_names_servos_and_values_that_cannot_be_right(
+    odd: type[OddBoard], check: str, words: str, zoo: MakeZoo
+) -> None:
+    board = zoo("plain")
+    BOARDS["zoo"] = odd()
+    names, said = board.verdict()
+    assert {*names} == {check}
+    assert words in said
+
+
+async def _moved(board: OddBoard) -> dict[int, float]:
+    async with connect(BoardTransport(board)) as robot:
+        with pytest.raises(MotionRefused):
+            await robot.move({1: 30}, duration=0.1)
+        with pytest.raises(MotionRefused):
+            await robot.stream().send({1: 30})
+    return {servo_id: servo.degrees(board.now + 9) for servo_id, servo in board.servos.items()}
+
+
+@pytest.mark.parametrize("odd", [UnitLies, MixedOrder])
+def test_a_program_that_has_read_nothing_starts_no_motion_from_impossible_values(
+    odd: type[OddBoard], zoo: MakeZoo
+) -> None:
+    board = odd()
+    before = {servo_id: servo.degrees(9) for servo_id, servo in board.servos.items()}
+    assert zoo("plain").clock.run(_moved(board)) == before
+
+
+def test_recordings_mark_impossible_values_in_tables_and_summaries(zoo: MakeZoo, tmp_path: Path) -> None:
+    board, file = zoo("dead-servo"), tmp_path / "dead.mcap"
+    assert board.on_board("record", str(file), "--seconds", "1").code == 0
+    assert board("convert", str(file), "--csv", "--channel", "servos", "-o", str(tmp_path / "t.csv")).code == 0
+    rows = list(csv.DictReader((tmp_path / "t.csv").read_text(encoding="utf-8").splitlines()))
+    assert {(row["servo_id"], row["doubt"]) for row in rows} == {("1", ""), ("2", ""), ("3", "not measured"), ("4", "")}
+    assert "not measured" in board("show", str(file)).out

@@ -15,7 +15,8 @@ import { LanguageChoice } from "./language-choice.js";
 
 /** @typedef {import("./app.js").Tools} Tools */
 
-const LOW = 20; // percent
+const LOW = 20,
+  FULL = 100; // percent
 
 /** @param {Tools} tools */
 export function Header(tools) {
@@ -51,9 +52,10 @@ function BoardName() {
 
 function BatteryChip() {
   if (battery.value === null) return null;
-  const percent = Math.round(battery.value);
-  return html`<span class=${percent < LOW ? "chip num bad" : "chip num"} title=${t("board.battery")}>
-    <${Icon} name="battery" />${percent} %
+  const percent = Math.round(battery.value),
+    isDoubtful = percent > FULL;
+  return html`<span class=${percent < LOW || isDoubtful ? "chip num bad" : "chip num"} title=${isDoubtful ? t("live.doubtful") : t("board.battery")}>
+    <${Icon} name="battery" />${percent} %${isDoubtful ? " ?" : ""}
   </span>`;
 }
 

@@ -18,9 +18,9 @@ export class History {
   }
 
   /**
-   * Add one reading of all servos.
+   * Add one reading of all servos; values that cannot be true leave a gap.
    * @param {number} time seconds
-   * @param {Iterable<{ servo_id: number } & Record<Quantity, number>>} servos
+   * @param {Iterable<{ servo_id: number, doubt?: string } & Record<Quantity, number>>} servos
    */
   add(time, servos) {
     const at = this.count % LENGTH;
@@ -28,7 +28,7 @@ export class History {
     for (const rings of this._rings.values()) for (const quantity of QUANTITIES) rings[quantity][at] = NaN;
     for (const servo of servos) {
       const rings = this.of(servo.servo_id);
-      for (const quantity of QUANTITIES) rings[quantity][at] = servo[quantity];
+      for (const quantity of QUANTITIES) rings[quantity][at] = servo.doubt ? NaN : servo[quantity];
     }
     this.count++;
   }

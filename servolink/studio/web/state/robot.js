@@ -7,7 +7,7 @@ import { History } from "./history.js";
 /** @typedef {import("../link/link.js").Link} Link */
 /** @typedef {import("../link/link.js").LinkState} LinkState */
 /** @typedef {import("../link/link.js").Welcome} Welcome */
-/** @typedef {{ servo_id: number, angle: number, current_raw: number, temperature_raw: number, is_start: boolean, is_hold: boolean }} Servo */
+/** @typedef {{ servo_id: number, angle: number, current_raw: number, temperature_raw: number, is_start: boolean, is_hold: boolean, doubt?: string }} Servo */
 /** @typedef {{ session: string, who: string, since: number, dead_man: number | null }} Lease */
 /** @typedef {{ session: string, who: string, reason: string }} Hold */
 /** @typedef {{ session: string, who: string, door: string, role: string }} Program */

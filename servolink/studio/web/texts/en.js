@@ -198,6 +198,7 @@ export const texts = {
   "live.temperature_title": "Temperature",
   "live.last_seconds": "last {seconds} s",
   "live.now": "now",
+  "live.doubtful": "implausible",
   "live.unread": "not read yet",
   "live.held": "held",
   "live.stopped": "stopped",

@@ -198,6 +198,7 @@ export const texts = {
   "live.temperature_title": "温度",
   "live.last_seconds": "最近 {seconds} 秒",
   "live.now": "现在",
+  "live.doubtful": "不可信",
   "live.unread": "尚未读取",
   "live.held": "保持",
   "live.stopped": "已停止",

@@ -198,6 +198,7 @@ export const texts = {
   "live.temperature_title": "溫度",
   "live.last_seconds": "最近 {seconds} 秒",
   "live.now": "現在",
+  "live.doubtful": "不可信",
   "live.unread": "尚未讀取",
   "live.held": "已鎖定",
   "live.stopped": "已停止",

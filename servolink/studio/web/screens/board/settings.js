@@ -48,7 +48,8 @@ function memoryOf(facts) {
   if (facts.memory_free === null) return t("settings.not_measured");
   const free = number(facts.memory_free);
   if (facts.memory_total === null) return t("settings.free", { free });
-  return t("settings.free_of", { free, total: number(facts.memory_total) });
+  const text = t("settings.free_of", { free, total: number(facts.memory_total) });
+  return facts.memory_free > facts.memory_total ? `${text} (${t("live.doubtful")})` : text;
 }
 
 /** @param {Facts | null} facts */

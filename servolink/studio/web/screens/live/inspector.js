@@ -29,10 +29,10 @@ export function Inspector({ link, motion }) {
       const text = !isRead.value ? "\u2013" : name === "angle" ? degrees(servo.angle) : String(servo[name]);
       /** @type {HTMLElement} */ (card.current.querySelector(`[data-part=${name}]`)).textContent = text;
     }
-    const state = !isRead.value ? "unread" : servo.is_hold ? (servo.is_start ? "held" : "stopped") : "limp";
+    const state = !isRead.value ? "unread" : servo.doubt ? "doubtful" : servo.is_hold ? (servo.is_start ? "held" : "stopped") : "limp";
     const chip = /** @type {HTMLElement} */ (card.current.querySelector("[data-part=state]"));
     chip.textContent = t(`live.${state}`);
-    chip.className = `chip ${{ unread: "", held: "ok", stopped: "warn", limp: "limp" }[state]}`;
+    chip.className = `chip ${{ unread: "", doubtful: "bad", held: "ok", stopped: "warn", limp: "limp" }[state]}`;
     card.current.dataset.state = state;
   });
   if (id === undefined) return null;

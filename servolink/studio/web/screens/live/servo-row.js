@@ -107,7 +107,7 @@ function show(row, id, isDragged) {
   slider?.removeAttribute("aria-valuetext");
   const at = share(servo.angle, low, high),
     zero = share(0, low, high);
-  part("angle").textContent = degrees(servo.angle);
+  part("angle").textContent = servo.doubt ? `${degrees(servo.angle)} ?` : degrees(servo.angle);
   part("target").textContent =
     wanted !== undefined && Math.abs(wanted - servo.angle) > SAME ? `\u2192 ${degrees(wanted)}` : "";
   part("bar").style.left = `${Math.min(at, zero)}%`;
@@ -115,10 +115,11 @@ function show(row, id, isDragged) {
   part("now").style.left = `${at}%`;
   part("current").style.height = `${Math.min(100, (servo.current_raw / FULL_CURRENT) * 100)}%`;
   part("temperature").style.height = `${Math.min(100, (servo.temperature_raw / FULL_TEMPERATURE) * 100)}%`;
-  const meters = `${t("live.current", { value: servo.current_raw })}, ${t("live.temperature", { value: servo.temperature_raw })}`;
+  const doubt = servo.doubt ? `${t("live.doubtful")}: ` : "";
+  const meters = `${doubt}${t("live.current", { value: servo.current_raw })}, ${t("live.temperature", { value: servo.temperature_raw })}`;
   part("meters").title = meters;
   part("meters").setAttribute("aria-label", meters);
-  row.dataset.state = servo.is_hold ? (servo.is_start ? "ready" : "stopped") : "limp";
+  row.dataset.state = servo.doubt ? "unread" : servo.is_hold ? (servo.is_start ? "ready" : "stopped") : "limp";
   if (slider && !isDragged) slider.value = String(wanted ?? servo.angle);
 }
 
