@@ -113,6 +113,7 @@ async def test_a_stream_needs_role_lease_and_a_board_that_nobody_has_exclusively
         with pytest.raises(RpcFailed, match="moved by script") as refused:
             await pad.call("stream.send", stream=number, targets={"1": 20})
         assert refused.value.kind == "MotionRefused"
+        assert "lease.ask" in refused.value.remedy
         await script.call("lease.give")
         await script.call("board.hold")
         with pytest.raises(RpcFailed, match="script has taken exclusive use of the board"):

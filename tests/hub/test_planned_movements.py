@@ -135,6 +135,17 @@ def test_a_movement_in_degrees_follows_a_program_with_raw_angles() -> None:
     with_page(use)
 
 
+def test_programs_with_the_same_unit_set_it_once() -> None:
+    async def use(there: World, page: RpcProgram) -> None:
+        await page.call("servos.list")
+        await page.call("move", targets={"1": 20}, duration=0.1, wait=True)
+        await page.call("servo.set", servo=1, start=True, hold=True)
+        await page.call("servos.list")
+        assert sent(there, SetAngleUnitRequest) == 1
+
+    with_page(use)
+
+
 def test_stopped_servos_are_started_with_the_movement_and_by_the_same_permission() -> None:
     async def use(there: World, page: RpcProgram) -> None:
         await page.call("stop")
