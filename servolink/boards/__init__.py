@@ -6,7 +6,7 @@ from servolink.boards.announcements import announced
 from servolink.boards.announcements import candidates as announced_boards
 from servolink.boards.hubs import HubClaim, hub_of
 from servolink.boards.hubs import candidates as running_hubs
-from servolink.boards.names import Alias, Aliases
+from servolink.boards.names import Alias, Aliases, Resolved, resolve_board, resolve_url
 from servolink.boards.profile import (
     BoardIdentityRecord,
     BoardProfile,
@@ -17,7 +17,6 @@ from servolink.boards.profile import (
     ProfileInUse,
     SafetyLimits,
 )
-from servolink.boards.resolving import Resolved, resolve_board, resolve_url
 from servolink.boards.searching import (
     NO_BOARD_FOUND,
     SearchResult,

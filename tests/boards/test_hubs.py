@@ -18,8 +18,7 @@ from servolink.boards import hubs
 from servolink.boards import searching as search
 from servolink.boards.announcements import announced
 from servolink.boards.hubs import HubClaim, hub_of
-from servolink.boards.names import Alias, Aliases
-from servolink.boards.resolving import Resolved, resolve_board, resolve_url
+from servolink.boards.names import Alias, Aliases, Resolved, resolve_board, resolve_url
 from servolink.boards.searching import boards, only
 from servolink.errors import OpenError
 from servolink.transports import DeviceInfo, PortIdentity

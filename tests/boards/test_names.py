@@ -1,7 +1,6 @@
 """Names are kept safely, lead to their board on any port, and no name at all leads to the only board.
 
 Module: servolink.support.platforms.locks.
-Module: servolink.boards.resolving.
 """
 
 from __future__ import annotations
@@ -23,8 +22,7 @@ from hypothesis import strategies as st
 import servolink
 from servolink.boards import names
 from servolink.boards import searching as search
-from servolink.boards.names import Alias, Aliases, _changed, current_url
-from servolink.boards.resolving import resolve_url
+from servolink.boards.names import Alias, Aliases, _changed, current_url, resolve_url
 from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
 from servolink.hub import serve_board
 from servolink.support import is_name, lock
