@@ -17,6 +17,7 @@ _KINDS = (
     "servolink.transports.serial_ports",
     "servolink.transports.hid_devices",
     "servolink.transports.usb_devices",
+    "servolink.transports.page_ports",
     "servolink.boards.announcements",
     "servolink.boards.hubs",
 )

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import cycle, islice
 
-from servolink.connection import FENCES, SERVO_LIST, SURE_COPIES, Connection, LineBytes, Tap, text_between
+from servolink.connection import FENCES, SURE_COPIES, Connection, LineBytes, Tap, text_between
 from servolink.doctor.finding import Finding
 from servolink.errors import ConnectionLost, RequestTimeout, quote
-from servolink.protocol import PACKETS, ButtonEventResponse, ByteOrder, Request, Response
+from servolink.protocol import PACKETS, ButtonEventResponse, ByteOrder, QueryServoListRequest, Request, Response
 
 ANSWERS_TWICE, LATE_COPIES = "answers twice", "late copies"
 SETTINGS = {ANSWERS_TWICE: "answers_twice", LATE_COPIES: "late_copies"}
@@ -108,7 +108,8 @@ async def measure(connection: Connection, patience: float | None = None) -> Line
         ended = str(error)
     stop_recording()
     received_bytes, order = bytes(recording.data), connection.codec.byte_order
-    asked = {query.packet_id + 1 for query in (*FENCES, SERVO_LIST)} | {ButtonEventResponse.packet_id, *recording.asked}
+    queries = (*FENCES, QueryServoListRequest())
+    asked = {query.packet_id + 1 for query in queries} | {ButtonEventResponse.packet_id, *recording.asked}
     frames = [PACKETS[frame.packet_id] for frame in LineBytes(received_bytes, order).frames() if frame.fits]
     unasked = [each.packet_id for each in frames if issubclass(each, Response) and each.packet_id not in asked]
     return LineCounts(

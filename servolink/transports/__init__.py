@@ -19,6 +19,7 @@ from servolink.transports.listeners.pty import ServedTerminal
 from servolink.transports.listeners.strangers import Stranger, Strangers
 from servolink.transports.listeners.tcp import NetworkPlace
 from servolink.transports.memory import MemoryTransport
+from servolink.transports.page_ports import Frames, PagePorts
 from servolink.transports.registry import PlugIn, create
 from servolink.transports.serial_ports import PortTracker
 from servolink.transports.serial_ports import candidates as serial_devices
@@ -44,7 +45,9 @@ else:
 __all__ = [
     # pipes
     "BaseTransport",
+    "Frames",
     "MemoryTransport",
+    "PagePorts",
     "PlugIn",
     "Receiver",
     "StreamTransport",

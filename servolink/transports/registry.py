@@ -31,6 +31,7 @@ _KINDS = {
     "usb": _TransportKind("servolink.transports.usb", "from_address", "pyusb libusb-package"),
     "share": _TransportKind("servolink.control", "from_address"),
     "memory": _TransportKind("servolink.transports.memory", "from_address"),
+    "webserial": _TransportKind("servolink.transports.page_ports", "from_address"),
     "replay": _TransportKind("servolink.recorder", "from_address"),
     "virtual": _TransportKind("servolink.virtual", "from_address"),
 }

@@ -27,6 +27,7 @@ from servolink.transports.hid import HidDevice
 from servolink.transports.line_faults import Faults, FaultyTransport
 from servolink.transports.line_recording import RecordingTransport
 from servolink.transports.memory import MemoryTransport
+from servolink.transports.page_ports import PagePort, PagePorts
 from servolink.transports.registry import create
 from servolink.transports.threaded import Device, DeviceTransport
 from servolink.transports.usb import BulkDevice
@@ -384,6 +385,73 @@ class UsbWire(Wire):
         self.usb.set(deaf=False)
 
 
+class PageWire(Wire):
+    """The port of a page, and a stand-in of the page, whose browser takes pieces one after the other."""
+
+    piece = 4096
+
+    async def start(self) -> Transport:
+        self.posted: list[tuple[str, str]] = []
+        self._number = self._sent = 0
+        self._unsent = bytearray()
+        self._is_deaf = self._is_lost = False
+        self._page = PagePorts(self._take, PlainFrames(), lambda: None)
+        return PagePort("webserial://1a86:7523", self._page, {})
+
+    def _take(self, kind: str, number: int, text: str) -> None:
+        self.posted.append((kind, text))
+        self._number = number
+        match kind:
+            case "port.open":
+                self.tell("port.opened", "0")
+            case "port.frame":
+                self._unsent += text.partition(" ")[2].encode("latin-1")
+                self._soon(self._write)
+            case "port.close":
+                self.tell("port.closed")
+
+    def _write(self) -> None:
+        if self._unsent and not self._is_deaf and not self._is_lost:
+            data, self._unsent = bytes(self._unsent[: self.piece]), self._unsent[self.piece :]
+            self._sent += len(data)
+            self.far.data(data)
+            self.tell("port.sent", str(self._sent))
+            self._soon(self._write)
+
+    def _soon(self, act: Callable[[], None]) -> None:
+        asyncio.get_running_loop().call_soon(act)
+
+    def tell(self, kind: str, text: str = "") -> None:
+        """Post a message of the page, which arrives in a later turn of the loop."""
+        asyncio.get_running_loop().call_soon(self._page.take, kind, self._number, text)
+
+    async def say(self, data: bytes) -> None:
+        self.tell("port.data", data.decode("latin-1"))
+
+    async def vanish(self) -> None:
+        if not self._is_lost:
+            self._is_lost = True
+            self.tell("port.lost")
+            await asyncio.sleep(0)
+
+    def deafen(self) -> None:
+        self._is_deaf = True
+
+    def listen(self) -> None:
+        self._is_deaf = False
+        self._soon(self._write)
+
+
+class PlainFrames:
+    """Frames of which each one with an M moves, and S is the stop."""
+
+    def may_move(self, frame: bytes) -> bool:
+        return b"M" in frame
+
+    def stop_for(self, frame: bytes) -> bytes:
+        return b"S"
+
+
 WIRES: dict[str, Callable[[Path], Wire]] = {
     "serial": lambda _: PtyWire(),
     "tcp": lambda _: TcpWire(),
@@ -391,6 +459,7 @@ WIRES: dict[str, Callable[[Path], Wire]] = {
     "memory": lambda _: MemoryWire(),
     "hid": lambda folder: HidWire(folder / "hidraw0"),
     "usb": lambda _: UsbWire(),
+    "page": lambda _: PageWire(),
     "faulty": lambda _: TcpWire(lambda inner: FaultyTransport(inner, Faults())),
     "recording": lambda folder: PtyWire(lambda inner: RecordingTransport(inner, _fresh(folder))),
 }
