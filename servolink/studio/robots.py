@@ -111,6 +111,12 @@ async def _talking(name: str) -> AsyncIterator[RpcChannel]:
         await channel.close()
 
 
+async def stop_all(name: str) -> None:
+    """Stop all servos of the board of the hub `name`. Raise ServolinkError if that is not confirmed."""
+    async with _talking(name) as hub:
+        await hub.call("stop", timeout=_STOP_LIMIT)
+
+
 async def stop_before_leaving(name: str) -> bool:
     """Stop all servos of the board of the hub `name`; return whether the board confirms it.
 

@@ -7,7 +7,9 @@ of the line, which the page counts up with each connection, and a text:
 | --- | --- | --- | --- |
 | open | greeting of the page | message | message of the studio |
 | message | message of the page | close | code and reason, as JSON |
-| close | | | |
+| close | | refused | why the board of before cannot be opened; number 0 |
+
+Kinds that begin with `port.` are for the ports of the page (`servolink/transports/page_ports.py`).
 """
 
 from __future__ import annotations
@@ -19,34 +21,73 @@ from typing import TypeAlias
 
 import msgspec
 
+from servolink.errors import DecodeError, ServolinkError
+from servolink.protocol import ALL_SERVOS, PACKETS, ByteOrder, Codec, FrameAt, SetServoParameterRequest
 from servolink.studio.page import OK, Hello, serve_page
-from servolink.studio.robots import VIRTUAL, Robots
+from servolink.studio.robots import VIRTUAL, Robots, stop_all
 from servolink.studio.studio_methods import Studio
 from servolink.support import Tasks
+from servolink.transports import PagePorts
 
 Post: TypeAlias = Callable[[str, int, str], object]
 _NO_GREETING = 4400
+_STOP_PAUSE = 0.1  # seconds
+_CODECS: dict[ByteOrder, Codec] = {"little": Codec("little"), "big": Codec("big")}
+_STOPS = {order: codec.encode(SetServoParameterRequest(ALL_SERVOS, 0, 1)) for order, codec in _CODECS.items()}
 
 
-async def started(post: Post) -> WorkerDoor:
-    """Return the door of a new studio with a virtual robot."""
-    studio = Studio(robots=Robots())
-    studio.begin(await studio.robots.open(VIRTUAL))
-    return WorkerDoor(studio, post)
+class BoardFrames:
+    """Meaning of frames for the page, which stops servos by itself."""
+
+    def may_move(self, frame: bytes) -> bool:
+        """Return whether servos may turn or go limp by `frame`; True for what cannot be decoded."""
+        order = _order_of(frame)
+        whole = FrameAt.read(frame, 0, order)
+        if whole is None or whole.size != len(frame):
+            return True
+        try:
+            return _CODECS[order].decode(whole.packet_id, whole.content).is_motion
+        except DecodeError:
+            return True
+
+    def stop_for(self, frame: bytes) -> bytes:
+        """Return the frame that stops all servos, in the byte order of `frame`."""
+        return _STOPS[_order_of(frame)]
+
+
+def _order_of(frame: bytes) -> ByteOrder:
+    """Return the byte order in which `frame` is a packet; `little` for no packet."""
+    big = FrameAt.read(frame, 0, "big")
+    return "big" if big is not None and big.size == len(frame) and big.packet_id in PACKETS else "little"
 
 
 class WorkerDoor:
-    """Lines of the page to the studio, by number."""
+    """Studio for the page of the same browser: lines of the page, by number, and its ports."""
 
-    def __init__(self, studio: Studio, post: Post) -> None:
+    def __init__(self, post: Post) -> None:
         """Call `post` with each message for the page."""
-        self._studio = studio
+        self._studio = Studio(robots=Robots())
+        self._begun = asyncio.Event()
         self._post = post
         self._lines: dict[int, _PortLine] = {}
         self._tasks = Tasks()
+        PagePorts.here = self._ports = PagePorts(post, BoardFrames(), lambda: self._tasks.begin(self._stop()))
+
+    async def begin(self, address: str = "") -> None:
+        """Share the board at `address`; a virtual robot without an address, or if the board cannot be opened."""
+        try:
+            hub = await self._studio.robots.open(address or VIRTUAL)
+        except ServolinkError as error:
+            self._post("refused", 0, str(error))
+            hub = await self._studio.robots.open(VIRTUAL)
+        self._studio.begin(hub)
+        self._begun.set()
 
     def take(self, kind: str, number: int, text: str) -> None:
         """Handle a message of the page."""
+        if kind.startswith("port."):
+            self._ports.take(kind, number, text)
+            return
         match kind:
             case "open":
                 self._tasks.begin(self._serve(number, text))
@@ -59,14 +100,23 @@ class WorkerDoor:
 
     async def close(self) -> None:
         """Disconnect the page, and give the robots back."""
+        PagePorts.here = None
         await self._tasks.close()
         await self._studio.twin.close()
         await self._studio.robots.close()
+
+    async def _stop(self) -> None:
+        """Stop the board, which the page has stopped already: what was asked for before is not sent any more."""
+        while self._ports.are_behind:  # also after a stop that was under way before the page's
+            with suppress(ServolinkError):  # the page calls `stop` too, and gets the error
+                await stop_all(self._studio.hub)
+            await asyncio.sleep(_STOP_PAUSE)
 
     async def _serve(self, number: int, greeting: str) -> None:
         line = self._lines[number] = _PortLine(number, self._post)
         try:
             hello = msgspec.json.decode(greeting, type=Hello)
+            await self._begun.wait()
             with suppress(ConnectionError):
                 await serve_page(self._studio, hello, "edit", line)
             await line.close(OK)

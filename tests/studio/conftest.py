@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import pytest
 
 from servolink import sync
+from tests.processes import run
 from tests.studio.browser import CHROMIUM, OPTIONS, PATIENCE, Studio, running
 from tests.studio.node_tools import AXE, install
 
@@ -27,6 +29,14 @@ def user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def studio(user: Path) -> Iterator[Studio]:
     with running("studio", "--demo") as url, sync.connect("share://virtual") as board:
         yield Studio(url, board)
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The studio as static files, which need no server of its own, and what the build said."""
+    folder = tmp_path_factory.mktemp("page") / "page"
+    build = Path(__file__).parents[2] / ".ci/page"
+    return folder, run([sys.executable, str(build), str(folder)], check=True, limit=600).stdout
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import sys
 from collections.abc import Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -17,7 +16,6 @@ from typing import Any
 
 import pytest
 
-from tests.processes import run
 from tests.studio.browser import in_browser
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
@@ -25,7 +23,6 @@ expect = playwright.expect
 
 pytestmark = [*in_browser, pytest.mark.skipif(shutil.which("npm") is None, reason="npm is not installed")]
 
-ROOT = Path(__file__).parents[2]
 START = 240_000  # milliseconds for Python to start in the page, on the slowest machine
 MOST = 10_000_000
 """Bytes of a first visit, as gzip."""
@@ -36,13 +33,6 @@ class Quiet(SimpleHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - the name of the library
         """Log nothing."""
-
-
-@pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """A built page, and what the build said."""
-    folder = tmp_path_factory.mktemp("page") / "page"
-    return folder, run([sys.executable, str(ROOT / ".ci/page"), str(folder)], check=True, limit=600).stdout
 
 
 @pytest.fixture

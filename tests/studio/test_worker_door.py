@@ -10,11 +10,20 @@ import json
 from collections import defaultdict
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
-from servolink.studio.worker_door import WorkerDoor, started
+from servolink.protocol import (
+    ALL_SERVOS,
+    ByteOrder,
+    Codec,
+    ExecuteActionRequest,
+    QueryServoListRequest,
+    SetServoParameterRequest,
+    Step,
+)
+from servolink.studio.worker_door import BoardFrames, WorkerDoor
 
 
 class Page:
@@ -22,10 +31,16 @@ class Page:
 
     def __init__(self) -> None:
         self.told: dict[int, asyncio.Queue[tuple[str, Any]]] = defaultdict(asyncio.Queue)
+        self.refused: list[str] = []
         self.door: WorkerDoor
 
     def post(self, kind: str, number: int, text: str) -> None:
-        self.told[number].put_nowait((kind, json.loads(text)))
+        if kind == "refused":
+            self.refused.append(text)
+        elif kind == "port.open":
+            self.door.take("port.failed", number, "absent")
+        elif not kind.startswith("port."):
+            self.told[number].put_nowait((kind, json.loads(text)))
 
     def open(self, number: int) -> None:
         self.door.take("open", number, json.dumps({"token": "", "who": "Tablet"}))
@@ -46,10 +61,11 @@ class Page:
 
 
 @asynccontextmanager
-async def opened() -> AsyncIterator[Page]:
+async def opened(address: str = "") -> AsyncIterator[Page]:
     page = Page()
-    page.door = await started(page.post)
+    page.door = WorkerDoor(page.post)
     try:
+        await page.door.begin(address)
         yield page
     finally:
         await page.door.close()
@@ -96,3 +112,23 @@ async def test_a_greeting_that_is_none_is_refused() -> None:
         page.door.take("open", 1, '{"token": 7}')
         kind, said = await page.told[1].get()
         assert (kind, said["code"]) == ("close", 4400)
+
+
+async def test_a_board_that_cannot_be_opened_is_told_and_replaced_by_a_virtual_robot() -> None:
+    async with opened("webserial://1a86:7523") as page:
+        page.door.take("open", 1, json.dumps({"token": ""}))
+        assert (await page.told[1].get())[1]["is_virtual"]
+        assert page.refused[0].startswith("webserial://1a86:7523: the browser has no such port for this page")
+
+
+def test_frames_that_may_move_are_known_in_both_byte_orders() -> None:
+    frames = BoardFrames()
+    for order in get_args(ByteOrder):
+        codec = Codec(order)
+        stop = codec.encode(SetServoParameterRequest(ALL_SERVOS, 0, 1))
+        assert frames.stop_for(codec.encode(QueryServoListRequest())) == stop
+        assert frames.may_move(codec.encode(ExecuteActionRequest((Step(1, 60, 100),))))
+        assert frames.may_move(codec.encode(SetServoParameterRequest(1, 1, 1)))
+        assert not frames.may_move(codec.encode(QueryServoListRequest()))
+        assert not frames.may_move(stop)
+    assert frames.may_move(b"half a frame")

@@ -2,7 +2,7 @@
 
 import { effect, html, render } from "./html.js";
 import { Link } from "./link/link.js";
-import { WorkerLine } from "./link/worker-line.js";
+import { WorkerLine, watchPorts } from "./link/worker-line.js";
 import { drawFigures } from "./parts/stage.js";
 import { enterOnLeave } from "./parts/typing.js";
 import { App } from "./shell/app.js";
@@ -10,6 +10,7 @@ import { sayLease } from "./shell/control.js";
 import { listenToKeys } from "./shell/keys.js";
 import { followAddress } from "./shell/rail.js";
 import { loadAll } from "./shell/screens.js";
+import { isInPage } from "./state/connecting.js";
 import { followFigure, loadTemplates } from "./state/figure.js";
 import { followFleet } from "./state/fleet.js";
 import { Motion } from "./state/motion.js";
@@ -34,15 +35,15 @@ function takeToken() {
 }
 
 const token = takeToken();
-const isInWorker = document.documentElement.dataset.studio === "worker"; // as the build of the page writes
 const scheme = location.protocol === "https:" ? "wss" : "ws";
-const connect = () => (isInWorker ? new WorkerLine() : new WebSocket(`${scheme}://${location.host}/ws`));
+const connect = () => (isInPage ? new WorkerLine() : new WebSocket(`${scheme}://${location.host}/ws`));
 const link = new Link(connect, token, who.value);
 const motion = new Motion(link);
 
 // A new address in the place of an old one: the browser by itself would load nothing.
 addEventListener("hashchange", () => location.hash.startsWith("#token=") && location.reload());
 
+if (isInPage) watchPorts();
 enterOnLeave();
 followAddress();
 follow(link, (notice, wasMine) => sayLease(notice, wasMine, motion));

@@ -136,7 +136,7 @@ test("nothing is sent before the studio has named the board, and nothing at all 
   next.readyState = 1;
   assert.equal(link.tell("lease.beat"), false);
   next.welcome("mine", "arm");
-  assert.deepEqual(moves, [["rex", "arm"]]);
+  assert.deepEqual(moves, [["rex", "arm", "virtual://"]]);
   await assert.rejects(link.call("studio.blocks.save"), LinkLost);
   assert.deepEqual(next.sent, [{ token: "token", who: "a page" }]);
 });

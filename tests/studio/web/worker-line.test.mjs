@@ -7,7 +7,7 @@ import { afterEach, beforeEach, test } from "node:test";
 const workers = [];
 
 class StandIn {
-  /** @type {unknown[]} */
+  /** @type {[string, number, string][]} */
   posted = [];
   isTerminated = false;
   /** @type {(event: { data: [string, number, string] }) => void} */
@@ -17,7 +17,7 @@ class StandIn {
   constructor() {
     workers.push(this);
   }
-  /** @param {unknown} message */
+  /** @param {[string, number, string]} message */
   postMessage(message) {
     this.posted.push(message);
   }
@@ -52,10 +52,15 @@ const say = (kind, text, number = line._number) => worker().onmessage({ data: [k
 
 test("the first text opens a line, further ones are messages, and a worker serves all lines", () => {
   line.send("move");
-  assert.deepEqual(worker().posted.slice(-2), [
-    ["open", line._number, "hello"],
-    ["message", line._number, "move"],
-  ]);
+  assert.deepEqual(
+    worker()
+      .posted.filter(([kind]) => kind !== "port.list")
+      .slice(-2),
+    [
+      ["open", line._number, "hello"],
+      ["message", line._number, "move"],
+    ],
+  );
   assert.equal(workers.length, 1);
 });
 

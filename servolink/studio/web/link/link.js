@@ -61,7 +61,7 @@ export class Link {
     this.onState = () => {};
     /** Called with the first message, each time that the connection is open. @type {(welcome: Welcome) => void} */
     this.onWelcome = () => {};
-    /** Called with the names of the boards before and after a change of the board, which ends the connection. @type {(left: string, next: string) => void} */
+    /** Called with the names of the boards before and after a change, which ends the connection, and the new address. @type {(left: string, next: string, url: string) => void} */
     this.onMoved = () => {};
   }
 
@@ -75,7 +75,7 @@ export class Link {
       const message = JSON.parse(event.data);
       if (this._isGreeted) return this._take(message);
       this._leaves = false;
-      if (this._board !== null && message.name !== this._board) return this._end(message.name);
+      if (this._board !== null && message.name !== this._board) return this._end(message);
       this._board = message.name;
       this._isGreeted = true;
       this._pause = FIRST_PAUSE;
@@ -152,12 +152,12 @@ export class Link {
     else waiting?.resolve(message.result);
   }
 
-  /** @param {string} next name of the new board */
+  /** @param {Welcome} next first message of the studio with the new board */
   _end(next) {
     const socket = /** @type {Line} */ (this._socket);
     socket.onmessage = socket.onclose = null;
     socket.close();
-    this.onMoved(/** @type {string} */ (this._board), next);
+    this.onMoved(/** @type {string} */ (this._board), next.name, next.url);
   }
 
   /** @param {{ code: number }} event */

@@ -1,17 +1,55 @@
 // The line to a studio that runs in a worker of this page: what `Link` needs of a WebSocket.
 
 import { tellFailure, tellLoading } from "../state/loading.js";
+import { keptAddress, tellRefusal } from "../state/connecting.js";
+import { Ports } from "./ports.js";
+import { grantedPorts, nameOf, serial, SerialDevice } from "./serial-port.js";
 
 /** @type {Worker | null} */
 let worker = null;
 let lastLine = 0;
 /** @type {Map<number, WorkerLine>} */
 const lines = new Map();
+const ports = new Ports((kind, number, text) => worker?.postMessage([kind, number, text]), {
+  find: async (url) => {
+    const port = (await grantedPorts()).get(url);
+    return port ? new SerialDevice(port) : null;
+  },
+});
+
+/** Stop all servos of boards at the ports of this page at once, whatever the worker is doing. */
+export const stopPorts = () => ports.stop();
+
+/** List the ports granted to this page for the worker. */
+export async function tellPorts() {
+  const found = [...(await grantedPorts())].map(([url, port]) => ({ url, product: nameOf(port) }));
+  worker?.postMessage(["port.list", 0, JSON.stringify(found)]);
+}
+
+/** Stop servos from now on when nobody looks at the page, and follow the ports that come and go. */
+export function watchPorts() {
+  // A browser may freeze or end a hidden page without further events.
+  /** @type {[EventTarget, string][]} */
+  const ends = [
+    [document, "visibilitychange"],
+    [document, "freeze"],
+    [window, "pagehide"],
+  ];
+  for (const [target, name] of ends)
+    target.addEventListener(name, () => {
+      if (name !== "visibilitychange" || document.hidden) stopPorts();
+    });
+  for (const name of ["connect", "disconnect"]) serial()?.addEventListener(name, tellPorts);
+}
+
 function start() {
-  const started = new Worker(new URL("../worker/studio-worker.js", import.meta.url), { type: "module" });
+  const url = new URL("../worker/studio-worker.js", import.meta.url);
+  const started = new Worker(url, { type: "module", name: keptAddress() });
   started.onmessage = ({ data: [kind, number, text] }) => {
     if (kind === "progress") tellLoading(JSON.parse(text));
     else if (kind === "failed") fail(text);
+    else if (kind === "refused") tellRefusal(text);
+    else if (kind.startsWith("port.")) ports.hear(kind, number, text);
     else lines.get(number)?.heard(kind, text);
   };
   started.onerror = (event) => fail(event.message);
@@ -20,6 +58,7 @@ function start() {
 
 /** @param {string} why */
 function fail(why) {
+  ports.abandon();
   tellFailure(why);
   worker?.terminate();
   worker = null;
@@ -40,7 +79,10 @@ export class WorkerLine {
     this.onclose = null;
     this._kind = "open";
     lines.set(this._number, this);
-    worker ??= start();
+    if (worker === null) {
+      worker = start();
+      tellPorts();
+    }
     queueMicrotask(() => this.onopen?.());
   }
 

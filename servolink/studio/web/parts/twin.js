@@ -1,6 +1,7 @@
 // Twin on the screen: the button that tries a record with physics, and the mark of a verdict.
 
 import { html, useEffect } from "../html.js";
+import { isInPage } from "../state/connecting.js";
 import { figure } from "../state/figure.js";
 import { draft } from "../state/project.js";
 import { nameOfCommand } from "../state/shown-macro.js";
@@ -30,7 +31,7 @@ export function TryOnTwin({ type, id }) {
 /** @param {import("../state/twin.js").Trial} now */
 function outcome({ type, id, state, seconds: time, fall, error }) {
   if (state === "running") return t("twin.running", { time: seconds(time, 1) });
-  if (state === "missing") return t("twin.missing");
+  if (state === "missing") return t(isInPage ? "robots.elsewhere" : "twin.missing");
   if (state === "failed") return t("twin.failed", { reason: safeText(error) });
   return fall === null ? t("twin.stood") : t("twin.fell", { when: whenOf(type, id, fall) });
 }

@@ -4,6 +4,7 @@ import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { Note } from "../parts/note.js";
 import { safeText } from "../parts/safe-text.js";
+import { dismissRefusal, refused } from "../state/connecting.js";
 import {
   another,
   boardState,
@@ -37,7 +38,7 @@ export function Notices(tools) {
     ${canAsk && html`<button class="btn" onClick=${() => ask(tools)}>${t("lease.ask_for")}</button>`}
     ${canLeave && html`<button class="btn" onClick=${() => tools.link.leave()}>${t("robots.choose_other")}</button>`}
   </${Note}></div>`
-  }<${StoppedNote} ...${tools} /><${ProblemNote} />`;
+  }<${StoppedNote} ...${tools} /><${ProblemNote} /><${RefusedNote} />`;
 }
 
 /** @param {Tools} tools */
@@ -54,6 +55,13 @@ function ProblemNote() {
   if (problem.value === "") return null;
   return html`<div class="veil"><${Note} kind="warn" urgent title=${t("note.problem")} detail=${safeText(said(problem.value))}>
     <button class="btn ic ghost" aria-label=${t("app.close")} onClick=${dismissProblem}><${Icon} name="close" /></button>
+  </${Note}></div>`;
+}
+
+function RefusedNote() {
+  if (refused.value === "") return null;
+  return html`<div class="veil"><${Note} kind="warn" urgent title=${t("note.refused_board")} detail=${safeText(said(refused.value))}>
+    <button class="btn ic ghost" aria-label=${t("app.close")} onClick=${dismissRefusal}><${Icon} name="close" /></button>
   </${Note}></div>`;
 }
 

@@ -3,6 +3,7 @@
 import { effect, signal } from "../html.js";
 import { Beats } from "../link/beats.js";
 import { RequestError } from "../link/link.js";
+import { stopPorts } from "../link/worker-line.js";
 import { LatestPose } from "./latest-pose.js";
 import { MotionState } from "./motion-state.js";
 import { isMine, linkState, problem, servos } from "./robot.js";
@@ -195,6 +196,7 @@ export class Motion {
 
   /** Stop all servos at once, whoever moves them. */
   async stop() {
+    stopPorts();
     this.#drop();
     await this.#link.call("stop");
   }

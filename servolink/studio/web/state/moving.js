@@ -3,6 +3,7 @@
 import { effect } from "../html.js";
 import { safeText } from "../parts/safe-text.js";
 import { t } from "../texts/text.js";
+import { keepAddress } from "./connecting.js";
 import { welcome } from "./robot.js";
 import { forWindow } from "./storage.js";
 import { toast } from "./toasts.js";
@@ -20,8 +21,9 @@ const LASTS = 12_000; // milliseconds
  */
 export function followMoves(link) {
   link.on("studio.moving", (notice) => void forWindow.set(KEY, JSON.stringify(notice)));
-  link.onMoved = (left, next) => {
+  link.onMoved = (left, next, url) => {
     keepTaught(left, next);
+    keepAddress(url);
     location.reload();
   };
   effect(() => void (welcome.value && say(welcome.value.name)));

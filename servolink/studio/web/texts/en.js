@@ -836,6 +836,11 @@ export const texts = {
   "fleet.anyway": "Start the other {count}|Start the other {count}",
   "fleet.and_more": "{boards} and {count} more",
 
+  "robots.own": "Connect my robot",
+  "robots.no_ports": "This browser cannot reach a robot. Chrome, Edge and Opera can, and Firefox from version 151, on a computer or a Chromebook. The virtual robot works here.",
+  "robots.no_https": "A page reaches a robot only over https, or from this computer. The virtual robot works here.",
+  "robots.elsewhere": "Robots in a network, boards made of a Pico, fleets, physics and other programs need servolink on a computer: pip install servolink",
+  "note.refused_board": "The robot of before is not connected",
   "robots.in_fleet": "in the fleet",
   "robots.how": "How to connect to it",
   "robots.how_detail": "Its hub is not reached from here. End servolink fleet join on {host}, share the board in the network with this command, which lets everybody there move it, and join again. Then look again here.",

@@ -836,6 +836,11 @@ export const texts = {
   "fleet.anyway": "让其余 {count} 台开始",
   "fleet.and_more": "{boards} 等，另有 {count} 台",
 
+  "robots.own": "连接我的机器人",
+  "robots.no_ports": "此浏览器无法连接机器人。电脑或 Chromebook 上的 Chrome、Edge、Opera 以及 151 版起的 Firefox 可以。虚拟机器人在这里可以使用。",
+  "robots.no_https": "页面只有通过 https 或从本机打开时才能连接机器人。虚拟机器人在这里可以使用。",
+  "robots.elsewhere": "网络中的机器人、用 Pico 制作的主板、机群、物理模拟和其他程序需要在电脑上安装 servolink：pip install servolink",
+  "note.refused_board": "之前的机器人没有连接",
   "robots.in_fleet": "机群中",
   "robots.how": "如何连接",
   "robots.how_detail": "从这里无法连接它的共享程序。在 {host} 上结束 servolink fleet join，用这条命令在网络中共享主板（网络中任何人都能让它运动），再重新加入，然后在这里再找一次。",

@@ -836,6 +836,11 @@ export const texts = {
   "fleet.anyway": "讓其餘 {count} 塊開始執行",
   "fleet.and_more": "{boards} 等，另有 {count} 塊",
 
+  "robots.own": "連接我的機器人",
+  "robots.no_ports": "這個瀏覽器無法連接機器人。電腦或 Chromebook 上的 Chrome、Edge、Opera 以及 151 版起的 Firefox 可以。虛擬機器人在這裡可以使用。",
+  "robots.no_https": "頁面只有透過 https 或從這台電腦開啟時才能連接機器人。虛擬機器人在這裡可以使用。",
+  "robots.elsewhere": "網路中的機器人、用 Pico 製作的控制板、機隊、物理模擬和其他程式需要在電腦上安裝 servolink：pip install servolink",
+  "note.refused_board": "之前的機器人沒有連線",
   "robots.in_fleet": "在機隊中",
   "robots.how": "如何連線",
   "robots.how_detail": "從這裡無法連到它的分享程式。請在 {host} 上結束 servolink fleet join，用這個指令在網路中分享控制板（網路中的任何人都能讓它動），再重新加入，然後在這裡重新尋找。",

@@ -1,7 +1,7 @@
 // The studio in a worker: loads Python, starts the studio with a virtual robot, and carries messages between its door and
 // the page. `files.json` of the build says how much is loaded.
 
-/** @typedef {{ take: (kind: string, line: number, text: string) => void }} Door */
+/** @typedef {{ take: (kind: string, line: number, text: string) => void, begin: (address: string) => Promise<void> }} Door */
 
 // Folders of the library: files of the user, and files of the running program.
 const KEPT = "/servolink",
@@ -52,8 +52,9 @@ async function start() {
   for (const folder of [KEPT, RUNNING]) python.FS.mkdirTree(folder, 0o700);
   python.unpackArchive(packages, "zip", { extractDir: PACKAGES });
   const module = python.pyimport("servolink.studio.worker_door");
-  door = /** @type {Door} */ (await module.started(post));
+  door = /** @type {Door} */ (module.WorkerDoor(post));
   for (const message of early) door.take(...message);
+  await door.begin(/** @type {any} */ (globalThis).name); // the name of the worker is the address of the latest board
 }
 
 start().catch((error) => post("failed", 0, String(error)));

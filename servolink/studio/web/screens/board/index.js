@@ -4,6 +4,7 @@ import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { safeText } from "../../parts/safe-text.js";
 import { figure, ownFigure, saveFigure } from "../../state/figure.js";
+import { isInPage } from "../../state/connecting.js";
 import { beginFit, fit } from "../../state/fitting.js";
 import { isLive, isLocalEditor, lease, programs, servoIds, welcome } from "../../state/robot.js";
 import { renamePage, who } from "../../state/settings.js";
@@ -28,7 +29,7 @@ export function BoardScreen({ link, motion }) {
   if (fit.value !== null) return html`<${FitCard} link=${link} motion=${motion} />`;
   return html`<h1 class="sr">${t("screen.board")}</h1>
     <div class="conn">
-      <div><${RobotList} link=${link} /><${FigureCard} link=${link} /><${SettingsCard} link=${link} /><${LinkCard} link=${link} /></div>
+      <div><${RobotList} link=${link} /><${FigureCard} link=${link} /><${SettingsCard} link=${link} />${!isInPage && html`<${LinkCard} link=${link} />`}</div>
       <div><${Doctor} link=${link} /><${LineTestCard} link=${link} /><${About} /><${RawAnglesCard} link=${link} /><${People} link=${link} /></div>
     </div>`;
 }

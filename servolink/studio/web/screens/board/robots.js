@@ -6,12 +6,14 @@ import { AskButton } from "../../parts/ask-button.js";
 import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
+import { isInPage } from "../../state/connecting.js";
 import { hasBoard, isLive, isLocalEditor, welcome } from "../../state/robot.js";
 import { said } from "../../texts/said.js";
 import { t } from "../../texts/text.js";
 import { useAnswer } from "./asking.js";
 import { Command } from "./command.js";
 import { One } from "./doctor.js";
+import { OwnRobot } from "./own-robot.js";
 
 /** @typedef {import("../../link/link.js").Link} Link */
 /** @typedef {import("./doctor.js").Finding} Finding */
@@ -123,7 +125,7 @@ function Other({ board, actions }) {
       !problem &&
       html`<div class="row wrap">
       ${isKept && html`<${GiveBack} found=${board} actions=${actions} title="robots.give_back" label=${title} />`}
-      ${!isShared && button("robots.share", () => actions.share(url))}
+      ${!isShared && !isInPage && button("robots.share", () => actions.share(url))}
       ${button(isShared ? "robots.use" : "robots.connect", () => actions.use(url), "pri")}
     </div>`
     }
@@ -146,20 +148,25 @@ function OfFleet({ board: { name, host, url }, actions }) {
 
 /** @param {{ actions: Actions }} props */
 function More({ actions }) {
+  return html`<div class="pad0 stack">
+    ${hasBoard.value && html`<div class="row"><button class="btn s" disabled=${actions.busy !== ""} onClick=${() => actions.use(VIRTUAL)}><${Icon} name="chip" />${t("robots.new_virtual")}</button></div>`}
+    ${isInPage ? html`<${OwnRobot} actions=${actions} />` : html`<${Address} actions=${actions} />`}
+  </div>`;
+}
+
+/** @param {{ actions: Actions }} props */
+function Address({ actions }) {
   const [address, setAddress] = useState("");
   const connect = (/** @type {Event} */ event) => {
     event.preventDefault();
     if (address.trim()) actions.use(address.trim());
   };
-  return html`<div class="pad0 stack">
-    ${hasBoard.value && html`<div class="row"><button class="btn s" disabled=${actions.busy !== ""} onClick=${() => actions.use(VIRTUAL)}><${Icon} name="chip" />${t("robots.new_virtual")}</button></div>`}
-    <form class="row" onSubmit=${connect}>
+  return html`<form class="row" onSubmit=${connect}>
       <label class="field grow"><span>${t("robots.address")}</span>
         <input class="inp" maxlength="500" spellcheck="false" autocomplete="off" placeholder="tcp://192.168.1.20:9000" value=${address}
           onInput=${(/** @type {Event} */ event) => setAddress(/** @type {HTMLInputElement} */ (event.currentTarget).value)} /></label>
       <button class="btn end" disabled=${actions.busy !== "" || address.trim() === ""}>${t("robots.connect")}</button>
-    </form>
-  </div>`;
+    </form>`;
 }
 
 /** @param {string} url */

@@ -4,6 +4,7 @@ import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
+import { isInPage } from "../../state/connecting.js";
 import { isLocalEditor } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
 import { PicoCard } from "./pico.js";
@@ -25,7 +26,7 @@ export function StartScreen({ link }) {
             <div class="row"><button class="btn pri" disabled=${actions.busy !== ""} onClick=${() => actions.use(VIRTUAL)}><${Icon} name="chip" />${t("start.virtual_begin")}</button></div>
           </div>
         </section>
-        <${PicoCard} link=${link} />
+        ${!isInPage && html`<${PicoCard} link=${link} />`}
       </div>
     </div>
   </div>`;

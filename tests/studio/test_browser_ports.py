@@ -1,0 +1,111 @@
+"""A robot at a port of the browser: the built page in Chromium, with a stand-in of its serial ports before a board."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from servolink.protocol import ALL_SERVOS, Codec, ExecuteActionRequest, SetServoParameterRequest, Step
+from tests.studio.board_program import BoardProgram
+from tests.studio.browser import in_browser
+from tests.studio.page_server import SERIAL, PageServer
+
+playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
+expect = playwright.expect
+
+pytestmark = [*in_browser, pytest.mark.skipif(shutil.which("npm") is None, reason="npm is not installed")]
+
+START = 240_000  # milliseconds for Python to start in the page, on the slowest machine
+STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
+MOVE = ExecuteActionRequest((Step(1, 60, 100),))
+SOON = 0.1  # seconds
+
+
+@pytest.fixture
+def server(built: tuple[Path, str], tmp_path: Path) -> Iterator[PageServer]:
+    board = BoardProgram(tmp_path)
+    server = PageServer(built[0], board.url)
+    yield server
+    server.close()
+    board.kill()
+
+
+@pytest.fixture
+def page(server: PageServer, browser: Any) -> Any:
+    """A page that is connected to the board at its port."""
+    page = opened(browser.new_context(), server.url)
+    connect(page)
+    return page
+
+
+def opened(context: Any, url: str) -> Any:
+    page = context.new_page()
+    page.add_init_script(SERIAL)
+    page.on("pageerror", lambda error: pytest.fail(str(error)))
+    page.goto(f"{url}#board")
+    expect(page.get_by_text("VIRTUAL BOARD")).to_be_visible(timeout=START)
+    return page
+
+
+def connect(page: Any) -> None:
+    page.get_by_role("button", name="Connect my robot").click(timeout=START)
+    expect(page.get_by_text("This is 1a86-7523 now")).to_be_visible(timeout=START)
+    expect(page.get_by_text("VIRTUAL BOARD")).to_have_count(0)
+
+
+def wait_for_stop(server: PageServer, since: float) -> float:
+    """Return when the board was sent a stop after a time, in seconds since 1970."""
+    codec = Codec().encode(STOP)
+    for _ in range(500):
+        for moment, data in server.sent:
+            if moment >= since and codec in data:
+                return moment
+        time.sleep(0.01)
+    raise AssertionError("no stop was sent")
+
+
+def test_a_robot_is_connected_moved_unplugged_and_comes_back(page: Any, server: PageServer) -> None:
+    page.get_by_role("link", name="Live").click()
+    page.get_by_role("button", name="Robot", exact=True).click()
+    angle = page.locator(".sv [data-part=angle]").first
+    before = angle.inner_text(timeout=START)
+    for _ in range(10):
+        page.get_by_label("Target of servo 1,").press("ArrowRight", delay=300)
+    expect(angle).not_to_have_text(before, timeout=START)
+    assert any(packet.is_motion for packet in server.packets())
+    server.unplug()
+    expect(page.get_by_text("The board is gone.")).to_be_visible(timeout=START)
+    page.evaluate("plugIn()")
+    expect(page.get_by_text("The board is gone.")).to_have_count(0, timeout=START)
+
+
+def test_a_stop_does_not_wait_for_a_worker_that_is_busy(page: Any, server: PageServer) -> None:
+    expect(page.locator("button.stop").first).to_be_visible()
+    move = Codec().encode(MOVE).decode("latin-1")
+    worker = next(one for one in page.workers if "studio-worker" in one.url)
+    worker.evaluate(
+        """frame => void setTimeout(() => {
+        for (let count = 0; count < 100; count++) postMessage(["port.frame", 1, "0! " + frame]);
+        const end = performance.now() + 5000;
+        while (performance.now() < end);
+        }, 200)""",
+        move,
+    )
+    pressed = page.evaluate("""async () => {
+        await new Promise(done => setTimeout(done, 300));
+        const now = Date.now();
+        document.querySelector("button.stop").click();
+        return now;
+    }""")
+    begun = pressed / 1000
+    stopped = wait_for_stop(server, begun)
+    assert stopped - begun < SOON
+    expect(page.get_by_text("The robot is stopped.")).to_be_visible(timeout=START)
+    moved = [packet for packet in server.packets() if packet.is_motion]
+    assert 0 < len(moved) < 100
+    assert not [packet for packet in server.packets(stopped) if packet.is_motion]
