@@ -21,7 +21,6 @@ const MESSAGES = {
   "{packet} needs the role {needed}, and this program has the role {role}": ["{packet} 需要角色 {needed}，而此页面的角色是 {role}", "{packet} 需要角色 {needed}，而這個頁面的角色是 {role}"],
   "the time by which it was to begin has passed": ["已错过开始的时间", "已錯過應開始的時間"],
   "nothing was moved: {reason}": ["没有移动：{reason}", "沒有移動：{reason}"],
-  // servolink/hub/doors/direct.py
   "{who} has exclusive use of the board": ["{who} 正在独占主板", "{who} 正在獨佔控制板"],
   "nothing was moved: {who} has taken exclusive use of the board": ["没有移动：{who} 正在独占主板", "沒有移動：{who} 正在獨佔控制板"],
   // servolink/hub/methods/prepared.py
