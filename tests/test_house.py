@@ -23,7 +23,7 @@ PACKAGE = ROOT / "servolink"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 CEILINGS = {
-    "lines": 75_532,
+    "lines": 75_524,
     "files": 459,
     "names that cross rooms": 605,
     "own imports of a file, median": 5,
@@ -141,7 +141,7 @@ def figures() -> dict[str, float]:
             modules.append(count)
     modules.sort()
     return {
-        "lines": sum(text.count("\n") for text in texts),
+        "lines": 75_524sum(text.count("\n") for text in texts),
         "files": len(FILES),
         "names that cross rooms": len(crossing),
         "own imports of a file, median": statistics.median(modules),

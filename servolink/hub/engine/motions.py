@@ -76,26 +76,18 @@ class Motions:
 
     async def _response_to(self, packet: Packet, ticket: Ticket | None, *, unchecked: bool) -> Response | None:
         """Send a motion, and return the response of the board."""
-        board, servos, connection = self._board, self._servos, self._servos.connection
         if isinstance(packet, SetServoParameterRequest):
-            return await servos.answer_to(packet, ticket=ticket, unchecked=unchecked)
-        if board.limits and ticket is not None:
-            board = with_ticket(board, ticket)
-        # Without limits, the board decides about packets such as one that names a servo twice.
+            return await self._servos.answer_to(packet, ticket=ticket, unchecked=unchecked)
+        if isinstance(packet, ExecuteActionRequest) and not self._board.limits:
+            # Without limits, the board decides about a movement that names a servo twice.
+            await self._servos.send(packet, ticket=ticket)
+            return None
+        board = self._board if ticket is None else with_ticket(self._board, ticket)
         if isinstance(packet, Request):
-            response: Response = await (
-                board.request(packet, unchecked=unchecked)
-                if board.limits
-                else connection.request(packet, unchecked=unchecked, ticket=ticket)
-            )
+            response: Response = await board.request(packet, unchecked=unchecked)
             return response
         assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
-        if board.limits:
-            await board.send(packet)
-        elif isinstance(packet, ExecuteActionRequest):
-            await servos.send(packet, ticket=ticket)
-        else:
-            await connection.send(packet, ticket=ticket)
+        await board.send(packet)
         return None
 
     async def move(self, exchange: Exchange, order: MoveOrder, ticket: Ticket) -> Outcome:
