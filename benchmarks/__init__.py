@@ -15,7 +15,7 @@ class Benchmark(NamedTuple):
 BENCHMARKS = {
     "parser": Benchmark("benchmarks.parser", "The parser against a textbook parser"),
     "peers": Benchmark("benchmarks.peers", "The parser against those of other libraries, each on its own format"),
-    "packets": Benchmark("benchmarks.packets", "Bytes to typed packets and back, against bare tuples and other tools"),
+    "packets": Benchmark("benchmarks.packets", "Bytes to typed packets and back, beside other tools"),
     "wire": Benchmark("benchmarks.wire", "The share of a line that is used"),
     "roundtrip": Benchmark("benchmarks.roundtrip", "A request and its response"),
     "pipelined": Benchmark("benchmarks.pipelined", "Several requests on a line at once"),

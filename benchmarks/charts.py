@@ -12,7 +12,7 @@ from benchmarks.measuring import Result, Table
 
 @dataclass(frozen=True)
 class Chart:
-    """Bars, or lines where `is_line`: one value of each series for each label."""
+    """Bars: one value of each series for each label."""
 
     name: str
     """The name of its file, without `.svg`."""
@@ -22,9 +22,6 @@ class Chart:
     series: dict[str, list[str]]
     """Name to cells, as they stand in the table; "-" for no value."""
     is_log: bool = False
-    is_line: bool = False
-    goal: float | None = None
-    """Where a line is drawn across the chart."""
 
 
 def charts(name: str, result: Result) -> list[Chart]:
@@ -45,37 +42,25 @@ def number(cell: str) -> float | None:
 
 
 def _peers(tables: list[Table]) -> Iterator[Chart]:
-    speeds = _table(tables, "Frames of about 14 bytes")
+    speeds = _table(tables, "Frames parsed per second")
     yield Chart(
         "parser-speed",
         "Frames parsed per second, 14 bytes each",
         "frames/s, in chunks of 4 KiB; longer is better",
         _column(speeds, "parser"),
-        {"frames/s": _column(speeds, "frames/s")},
+        {"frames/s": _column(speeds, "14 bytes: frames/s")},
         is_log=True,
     )
-    found = _table(tables, "Intact frames found")
-    found["rows"] = [row for row in found["rows"] if row[1] in _SHORT_FRAMES]
-    yield Chart(
-        "parser-recall",
-        "Intact frames found in a damaged stream",
-        "% of the intact frames; noise between frames and 1 % of all bytes replaced",
-        _column(found, "parser"),
-        {"found": _column(found, "both")},
-    )
-
-
-_SHORT_FRAMES = {"13", "14", "21"}
 
 
 def _roundtrip(tables: list[Table]) -> Iterator[Chart]:
-    short = _table(tables, "request and response of 14 bytes")
+    times = _table(tables, "A request and its response")
     yield Chart(
         "round-trip",
-        "What a client adds to a round trip of 14 bytes",
-        "µs more than os.write, epoll and os.read; shorter is better",
-        _column(short, "client")[2:],
-        {"over epoll": _column(short, "over epoll")[2:]},
+        "A request of 14 bytes and its response",
+        "µs, half of all requests; shorter is better",
+        _column(times, "client"),
+        {"p50": _column(times, "14 bytes: p50")},
     )
 
 
@@ -90,41 +75,8 @@ def _start(tables: list[Table]) -> Iterator[Chart]:
     )
 
 
-def _wire(tables: list[Table]) -> Iterator[Chart]:
-    shares = _table(tables, "Share of the line that the states")
-    depths = [name for name in shares["columns"] if name.startswith("depth ")]
-    yield Chart(
-        "wire",
-        "The share of a line that is used",
-        "% of the line that the states of 16 servos take, by requests on the line at once",
-        depths,
-        {
-            row[0].partition(", ")[0]: [row[shares["columns"].index(depth)] for depth in depths]
-            for row in shares["rows"]
-            if row[1] == "servolink"
-        },
-        is_line=True,
-        goal=100,
-    )
-
-
-def _pipelined(tables: list[Table]) -> Iterator[Chart]:
-    rates = _table(tables, "responses of 186 bytes")
-    cells = {(row[0], row[1]): row[2] for row in rates["rows"]}
-    clients = list(dict.fromkeys(client for client, _ in cells))
-    yield Chart(
-        "pipelined",
-        "Requests per second over a pseudo-terminal",
-        "requests/s, by requests on the line at once; longer is better",
-        clients,
-        {f"depth {depth}": [cells[client, depth] for client in clients] for depth in ("1", "4", "16")},
-    )
-
-
 _CHARTS: dict[str, Callable[[list[Table]], Iterator[Chart]]] = {
-    "wire": _wire,
     "roundtrip": _roundtrip,
-    "pipelined": _pipelined,
     "start": _start,
     "peers": _peers,
 }

@@ -17,7 +17,7 @@ from time import perf_counter_ns
 
 from benchmarks.answers import answers
 from benchmarks.goals import Goal, at_least, at_most
-from benchmarks.hub_crowd import Waits, Watchers, starve, watch
+from benchmarks.hub_crowd import Waits, starve
 from benchmarks.measuring import CORES, Result, Table, table
 from benchmarks.neighbours import Neighbours
 from benchmarks.responder import Responder, language
@@ -27,7 +27,7 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest, QueryActionResponse
 from servolink.protocol.records import Step
 
-PROGRAMS = (1, 8, 32)
+PROGRAMS = (1, 32)
 BOARDS = {"at once": 0.0, "after 1 ms, as over USB": 0.001}
 """When a board responds, with the seconds."""
 ADDED = 0.15
@@ -37,7 +37,6 @@ SHARE = 0.9
 WITHOUT, RELAY, _ = WAYS = ("without", "through a relay", "through the hub")
 MOST_WAITED = 33
 """Exchanges that one program may wait for while 31 others flood, 99 times in 100."""
-WATCHERS, HZ = 100, 50
 _STEPS = tuple(Step(at % 16 + 1, 90 - at, 20) for at in range(18))
 
 
@@ -78,14 +77,13 @@ async def _ask(board: Board, record_id: int, times: int, took: list[int]) -> Non
 
 
 def run(*, short: bool) -> Result:
-    """Measure all ways in turns, for each number of programs; then floods and watchers."""
+    """Measure all ways in turns, for each number of programs; then floods."""
     rounds, times = (1, 100) if short else (15, 1600)
     neighbours = Neighbours()
     cases = [case for board in BOARDS for case in asyncio.run(_measure(board, rounds, times))]
     waits = asyncio.run(starve(200 if short else 5000))
-    watchers = asyncio.run(watch(WATCHERS if not short else 10, HZ, 1.0 if short else 10.0))
     return {
-        "tables": [_table(cases, neighbours.note()), _waits_table(waits), _watchers_table(watchers)],
+        "tables": [_table(cases, neighbours.note())],
         "goals": [*_goals(cases), *_crowd_goals(waits)],
         "cases": [
             {"board": case.board, "programs": case.programs, "way": case.way}
@@ -193,8 +191,7 @@ def _table(cases: list[_Case], others: str) -> Table:
             "Without a hub the programs are tasks of one process. With it they are TCP connections of one process.",
             "The relay is ten lines of asyncio: one request after the other, and each response to its program.",
             "The hub is on the core of the programs without it, and those with it are on the core of the board.",
-            "Times are wall-clock times.",
-            others,
+            f"Times are wall-clock times. {others}",
         ],
     )
 
@@ -204,21 +201,3 @@ def _rows(direct: _Case, *others: _Case) -> Iterator[tuple[object, ...]]:
         compared = ("", "") if case is direct else (f"{_share(case, direct):.0%}", f"{_added(case, direct):+.2f}")
         figures = f"{median(case.p50):.2f}", f"{median(case.p99):.2f}"
         yield case.board, case.programs, case.way, f"{median(case.rate):,.0f}", compared[0], *figures, compared[1]
-
-
-def _waits_table(waits: Waits) -> Table:
-    return table(
-        f"One program that asks one thing at a time, beside {waits.flooding} that always have {waits.kept} waiting",
-        ("exchanges waited for", "p50", "p99", "most"),
-        [("", f"{waits.percentile(50):.0f}", f"{waits.percentile(99):.0f}", f"{waits.percentile(100):.0f}")],
-        [f"{len(waits.counts):,} requests, in memory; an exchange is one request to the board with its response."],
-    )
-
-
-def _watchers_table(watchers: Watchers) -> Table:
-    return table(
-        f"{watchers.count} programs that watch the servos at {watchers.hz:g} Hz over the control interface",
-        ("readings that each got per second", "polls of the board per second", "CPU of the hub"),
-        [(f"{watchers.readings_per_second:.1f}", f"{watchers.polls_per_second:.1f}", f"{watchers.cpu:.0%}")],
-        ["In memory, with a virtual board of 16 servos in the same process."],
-    )

@@ -1,17 +1,12 @@
-"""Many programs at one hub, in memory: who waits for whom, and how often the board is asked for those who watch."""
+"""Many programs at one hub, in memory: who waits for whom."""
 
 from __future__ import annotations
 
 import asyncio
-import json
-from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
-from time import process_time
 
 from servolink.client.connecting import connect
-from servolink.control.greeting import Greeting
 from servolink.hub.hub import Hub, share
-from servolink.hub.methods.control_session import ControlInterface
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest, QueryActionResponse
 from servolink.protocol.frame import MAGIC
@@ -19,12 +14,10 @@ from servolink.protocol.parser import FrameParser
 from servolink.protocol.servos import QueryServoListRequest
 from servolink.transports.lifecycle import BaseTransport
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
 
 FLOODING = 31
 KEPT = 64
 """Requests that each program that floods has waiting."""
-_SETTLE = 0.5  # seconds until all watch
 
 
 @dataclass
@@ -108,62 +101,3 @@ async def starve(times: int) -> Waits:
             await answered.get()
             waits.counts.append(board.exchanges - before)
     return waits
-
-
-@dataclass(frozen=True)
-class Watchers:
-    """What watching cost."""
-
-    count: int
-    hz: float
-    readings_per_second: float
-    """Of each."""
-    polls_per_second: float
-    """Of the board."""
-    cpu: float
-    """Of one core, with the board."""
-
-
-class _Watcher:
-    """A program at the control interface that acknowledges every reading at once."""
-
-    def __init__(self, hub: Hub, control: ControlInterface, number: int, hz: float) -> None:
-        self.readings = 0
-        greeting = Greeting(wants="rpc", who=f"watcher {number}", role="watch")
-        self._loop = asyncio.get_running_loop()
-        self.channel = control.open_channel(hub, greeting, f"watcher {number}", self._hear, lambda _: None)
-        self._say("servos.watch", {"hz": hz}, id=1)
-
-    def _say(self, method: str, params: dict[str, float], **request_id: int) -> None:
-        request = {"jsonrpc": "2.0", "method": method, "params": params, **request_id}
-        self.channel.receive(json.dumps(request).encode())
-
-    def _hear(self, message: bytes) -> None:
-        heard = json.loads(message)
-        if heard.get("method") == "servos":
-            self.readings += 1
-            self._loop.call_soon(self._say, "servos.ack", {"number": heard["params"]["number"]})
-
-
-async def watch(count: int, hz: float, seconds: float) -> Watchers:
-    """Let so many programs watch the servos of a virtual board for so long."""
-    virtual = VirtualTransport(VirtualBoard(servos=16))
-    async with AsyncExitStack() as stack:
-        upstream = await stack.enter_async_context(connect(virtual, angle_unit=None))
-        hub = await stack.enter_async_context(share(upstream, name="bench"))
-        control = ControlInterface(hub)
-        stack.push_async_callback(control.close)
-        watchers = [_Watcher(hub, control, number, hz) for number in range(count)]
-        for watcher in watchers:
-            stack.push_async_callback(watcher.channel.close)
-        await asyncio.sleep(_SETTLE)
-        before = sum(watcher.readings for watcher in watchers), upstream.stats.frames_sent, process_time()
-        await asyncio.sleep(seconds)
-        readings, sent, cpu = sum(watcher.readings for watcher in watchers), upstream.stats.frames_sent, process_time()
-        return Watchers(
-            count,
-            hz,
-            (readings - before[0]) / count / seconds,
-            (sent - before[1]) / seconds,
-            (cpu - before[2]) / seconds,
-        )

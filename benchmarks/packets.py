@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from statistics import median
-from struct import Struct
 
 from benchmarks.goals import Goal, at_least
-from benchmarks.measuring import Comparison, Result, Table, compare, in_turns, table, timed
+from benchmarks.measuring import Comparison, Result, Table, in_turns, table, timed
 from benchmarks.packet_codecs import Construct, Dataclasses, PacketCodec, plain
 from benchmarks.samples import samples
-from benchmarks.streams import TYPICAL, chunks
-from benchmarks.textbook import TextbookParser
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import HEADER_SIZE
 from servolink.protocol.packet import Packet
-from servolink.protocol.parser import FrameParser
 
-RECORDS_OF = {14: (0, Struct(">IB")), 186: (1, Struct(">BhhhhBB")), 3611: (2, Struct(">i32s"))}
-"""By frame size: where the records begin in the content, and what they are."""
 _PEERS: tuple[type[PacketCodec], ...] = (Dataclasses, Construct)
 
 
@@ -49,7 +43,6 @@ class Way:
 def run(*, short: bool) -> Result:
     """Measure everything; a packet that comes out different is wrong, a goal missed is slow."""
     pace = Pace(3, 0.2) if short else Pace(9, 2.0)
-    typical = [_typical(size, packet, short=short) for size, packet in TYPICAL.items()]
     peers, missing = _installed()
     wrong = [fault for peer in peers for fault in _differences(peer)]
     ways = [
@@ -60,68 +53,10 @@ def run(*, short: bool) -> Result:
     return {
         "versions": {peer.package: version(peer.package) for peer in peers if peer.package},
         "missing": missing,
-        "tables": [_typical_table(typical), _summary(ways)],
-        "typical": typical,
+        "tables": [_summary(ways)],
         "wrong": wrong,
         "goals": [*_beside_tools(ways)],
     }
-
-
-def _typical(size: int, packet: Packet, *, short: bool) -> Result:
-    """Measure decoding alone against tuples, and whole streams against the textbook's parser and dataclasses."""
-    rounds, total = (3, 1 << 15) if short else (11, 1 << 20)
-    frame = Codec("big").encode(packet)
-    count = total // size
-    content = frame[HEADER_SIZE:-1]
-    found = compare(_decoding(packet.packet_id, content, count), _unpacking(size, content, count), rounds)
-    pieces = chunks(frame * count, 4096)
-    theirs = Dataclasses().decode
-    whole = in_turns(
-        [
-            lambda: _stream(FrameParser("big").feed, Codec("big").decode, pieces),
-            lambda: _stream(TextbookParser("big").feed, theirs, pieces),
-        ],
-        rounds,
-    )
-    return {
-        "frame": size,
-        "frames": count,
-        "packets_per_second": round(count / median(whole[0]) * 1e9),
-        "times_textbook": Comparison.of(*whole).ratio,
-        **asdict(found),
-        "times_of_tuples": 1 / found.ratio,
-    }
-
-
-def _decoding(packet_id: int, content: bytes, count: int) -> Callable[[], None]:
-    decode_one = Codec("big").decode
-
-    def decode() -> None:
-        for _ in range(count):
-            decode_one(packet_id, content)
-
-    return decode
-
-
-def _unpacking(size: int, content: bytes, count: int) -> Callable[[], None]:
-    start, record = RECORDS_OF[size]
-
-    def unpack() -> None:
-        for _ in range(count):
-            list(record.iter_unpack(content[start:]))
-
-    return unpack
-
-
-def _stream(
-    feed: Callable[[bytes], list[tuple[int, bytes]]], decode: Callable[[int, bytes], object], pieces: list[bytes]
-) -> Callable[[], None]:
-    def parse() -> None:
-        for piece in pieces:
-            for packet_id, content in feed(piece):
-                decode(packet_id, content)
-
-    return parse
 
 
 def _installed() -> tuple[list[PacketCodec], list[str]]:
@@ -176,32 +111,6 @@ def _often(side: Callable[[], object], count: int) -> Callable[[], None]:
     return work
 
 
-def _typical_table(typical: list[Result]) -> Table:
-    return table(
-        "Bytes to typed packets, in chunks of 4 KiB, and decoding alone against the bare tuples of `iter_unpack`",
-        ("frame", "packets/s", "times the textbook", "decode ns", "tuples ns", "times of tuples", "spread"),
-        [
-            (
-                case["frame"],
-                f"{case['packets_per_second']:,}",
-                f"{case['times_textbook']:.1f}x",
-                *(f"{case[side] / case['frames']:,.0f}" for side in ("ours", "theirs")),
-                f"{case['times_of_tuples']:.2f}",
-                f"{case['spread']:.0%}",
-            )
-            for case in typical
-        ],
-        [
-            "A button event, the state of 16 servos, a list of 100 actions with their captions.",
-            "The textbook: its parser, and frozen dataclasses from `struct`.",
-            (
-                "Tuples: the records alone. Decoding also finds the packet's class, checks count and length, decodes "
-                "the captions and makes an object of each record and of the packet."
-            ),
-        ],
-    )
-
-
 def _summary(ways: list[Way]) -> Table:
     rows = []
     for way in ("decoded", "encoded"):
@@ -223,10 +132,10 @@ def _summary(ways: list[Way]) -> Table:
 
 
 def _beside_tools(ways: list[Way]) -> Iterator[Goal]:
+    peer = Dataclasses.name
     for way in ("decoded", "encoded"):
-        for peer in dict.fromkeys(each.peer for each in ways):
-            both = [each for each in ways if (each.peer, each.way) == (peer, way)]
-            slower = [each for each in both if each.times.ratio < 1]
-            names = ", ".join(each.packet for each in slower[:3]) + (", ..." if len(slower) > 3 else "")
-            name = f"packets {way} faster than by {peer}" + (f"; not: {names}" if slower else "")
-            yield at_least(name, len(both) - len(slower), len(both), f"{{:.0f}} of {len(both)}")
+        both = [each for each in ways if (each.peer, each.way) == (peer, way)]
+        slower = [each for each in both if each.times.ratio < 1]
+        names = ", ".join(each.packet for each in slower[:3]) + (", ..." if len(slower) > 3 else "")
+        name = f"packets {way} faster than by {peer}" + (f"; not: {names}" if slower else "")
+        yield at_least(name, len(both) - len(slower), len(both), f"{{:.0f}} of {len(both)}")

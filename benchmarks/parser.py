@@ -13,7 +13,7 @@ from benchmarks.textbook import TextbookParser
 from servolink.protocol.codec import Codec
 from servolink.protocol.parser import FrameParser
 
-CHUNKS = {"64": 64, "one frame": None, "4096": 4096}
+CHUNKS = {"one frame": None, "4096": 4096}
 """Bytes in a chunk, by heading."""
 TIMES = {"14": 2.5, "186": 3.5, "3611": 4.5}
 """How many times faster than the textbook, by frame size, in 4 KiB chunks of a clean stream of one kind."""

@@ -23,9 +23,9 @@ from benchmarks.responder import Responder, language
 from servolink.client.connecting import connect
 from servolink.protocol.codec import Codec
 
-DEPTHS = (1, 4, 16)
+DEPTHS = (4, 16)
 DEEPEST = 16
-CPU = {1: 1.5, 4: 2.5, 16: 3.5}
+CPU = {4: 2.5, 16: 3.5}
 """How many times the CPU of a request with a future for each, by depth: the least that a program with tasks needs."""
 _SIZE = 186
 

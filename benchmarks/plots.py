@@ -16,14 +16,6 @@ from benchmarks.charts import Chart, number
 _PAPER, _INK, _FAINT = ("#fdfdfe", "#15181d"), ("#24292f", "#e2e7ec"), ("#d6dae0", "#3a414a")
 _OURS, _OTHERS = ("#0f62c9", "#4c9bff"), ("#a2abb6", "#6f7986")
 _SERIES = [("#9aa5b1", "#717c89"), ("#d08a1d", "#e5a53f"), _OURS]
-_LINES = [
-    ("#c0392b", "#ff7b6b"),
-    ("#7d54c7", "#b08cf5"),
-    ("#b5651d", "#e5a53f"),
-    ("#2c8a57", "#52c587"),
-    ("#b03a86", "#f27ac6"),
-    ("#6b7785", "#98a4b1"),
-]
 
 _STYLE = {
     "svg.fonttype": "none",  # text stays text: it can be searched and read aloud, and the file is small
@@ -54,7 +46,7 @@ def write(folder: Path, charts: list[Chart]) -> None:
 def svg(chart: Chart) -> str:
     """Return a chart as SVG, the same text for the same chart."""
     with mpl.rc_context(_STYLE):
-        figure, axes = _lines(chart) if chart.is_line else _bars(chart)
+        figure, axes = _bars(chart)
         figure.suptitle(chart.title, x=0.02, ha="left", weight="bold", size=11.5)
         for side in ("top", "right", "left"):
             axes.spines[side].set_visible(False)
@@ -66,7 +58,7 @@ def svg(chart: Chart) -> str:
 
 def _dark() -> str:
     """Return the style that puts the colours of the dark scheme in place of those of the light one."""
-    pairs = {_PAPER, _INK, _FAINT, _OURS, _OTHERS, *_SERIES, *_LINES}
+    pairs = {_PAPER, _INK, _FAINT, _OURS, _OTHERS, *_SERIES}
     rules = [
         f'[style*="{what}: {light}"]{{{what}:{dark} !important}}'
         for light, dark in sorted(pairs)
@@ -98,8 +90,6 @@ def _bars(chart: Chart) -> tuple[Figure, Axes]:
     axes.set_xlabel(chart.axis)
     axes.grid(visible=True, axis="x")
     axes.set_axisbelow(True)
-    if chart.goal:
-        axes.axvline(chart.goal, color=_INK[0], linewidth=1, linestyle="--")
     if count > 1:
         _legend(figure, count)
     return figure, axes
@@ -109,39 +99,6 @@ def _bar_colours(chart: Chart, place: int) -> Any:
     if len(chart.series) > 1:
         return (_SERIES[-2:] if len(chart.series) == 2 else _SERIES)[place][0]
     return [(_OURS if "servolink" in label else _OTHERS)[0] for label in chart.labels]
-
-
-def _lines(chart: Chart) -> tuple[Figure, Axes]:
-    """Draw a line for each series, with its name at the end."""
-    figure = Figure(figsize=(7.2, 4.2), layout="constrained")
-    axes = figure.add_subplot()
-    if chart.is_log:
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter("{x:g}")
-    ends: dict[str, float] = {}
-    for (name, cells), (colour, _) in zip(chart.series.items(), _LINES, strict=False):
-        points = [(at, value) for at, cell in enumerate(cells) if (value := number(cell)) is not None]
-        axes.plot(*zip(*points, strict=True), color=colour, marker="o", markersize=5, linewidth=2)
-        ends[name] = points[-1][1]
-    axes.set_xticks(range(len(chart.labels)), chart.labels)
-    _name_ends(axes, ends)
-    axes.set_title(chart.axis, loc="left", size=9.5)
-    axes.grid(visible=True, axis="y")
-    axes.set_axisbelow(True)
-    if chart.goal:
-        axes.axhline(chart.goal, color=_INK[0], linewidth=1, linestyle="--")
-    return figure, axes
-
-
-def _name_ends(axes: Axes, ends: dict[str, float]) -> None:
-    """Write the name of each line at its end, far enough from the name below."""
-    to_axes = axes.transData + axes.transAxes.inverted()
-    lowest = 0.0
-    for name, value in sorted(ends.items(), key=lambda end: end[1]):
-        height = max(lowest, float(to_axes.transform((0, value))[1]))
-        colour = _LINES[list(ends).index(name)][0]
-        axes.annotate(name, (1.01, height), xycoords="axes fraction", va="center", color=colour)
-        lowest = height + 0.06
 
 
 def _legend(figure: Figure, count: int) -> None:

@@ -21,7 +21,7 @@ _INTRODUCTION = """\
 # Benchmarks
 
 Everyone can produce these figures again: `pip install -e ".[bench]"` in a copy of the repository, then the command
-above each table. `python -m benchmarks --publish` measures everything and makes this page. `--report` makes it again
+below each heading. `python -m benchmarks --publish` measures everything and makes this page. `--report` makes it again
 from the figures in `benchmarks/figures/`. [Known limits](limits.md) has the figures of the searches for faults.
 
 Times are CPU times of one process that stays on one core, unless stated otherwise. What is compared runs in turns,
@@ -60,11 +60,9 @@ def _results(figures: Path) -> Iterator[tuple[str, Result, Result]]:
 
 def _section(name: str, result: Result, machine: Result) -> Iterator[str]:
     yield f"## {BENCHMARKS[name].heading}\n"
-    yield f"```console no-run\n$ python -m benchmarks {name}\n```\n"
-    yield "{python}, {processor}, {cores} cores, {system}; {date}.".format(**machine)
-    if versions := result.get("versions"):
-        yield f"With {', '.join(f'{other} {version}' for other, version in versions.items())}."
-    yield ""
+    place = "{python}, {processor}, {cores} cores, {system}; {date}".format(**machine)
+    others = ", ".join(f"{other} {version}" for other, version in result.get("versions", {}).items())
+    yield f"`python -m benchmarks {name}`: {place}{'; with ' * bool(others)}{others}.\n"
     yield from (f"![{chart.title}](pictures/benchmarks/{chart.name}.svg)\n" for chart in charts(name, result))
     yield from _outcome(result)
     for quote in result.get("tables", []):

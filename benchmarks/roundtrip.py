@@ -46,9 +46,10 @@ def run(*, short: bool) -> Result:
     """Measure all clients in turns, for each size of answer."""
     rounds, times = (1, 50) if short else (21, 400)
     result: Result = {"tables": [], "goals": [], "versions": {}, "cases": []}
+    measured: dict[int, list[_Case]] = {}
+    neighbours = Neighbours()
     for size in SIZES:
-        neighbours = Neighbours()
-        cases = list(_cases(size, result["versions"]))
+        cases = measured[size] = list(_cases(size, result["versions"]))
         with ExitStack() as stack:
             for case in cases:
                 responder = Responder(case.client.answers)
@@ -56,13 +57,13 @@ def run(*, short: bool) -> Result:
                 case.client.open(responder.path)
                 stack.callback(case.client.close)
             _measure(cases, rounds, times)
-        result["tables"].append(_table(size, cases, neighbours.note()))
-        result["goals"] += _goals(size, cases)
         result["cases"] += [
             {"answer": size, "client": case.client.name}
             | {name: [round(value) for value in getattr(case, name)] for name in ("p50", "p99", "wall", "cpu")}
             for case in cases
         ]
+    result["tables"].append(_table(measured, neighbours.note()))
+    result["goals"] += _goals(SIZES[0], measured[SIZES[0]])
     return result
 
 
@@ -89,12 +90,6 @@ def _over(case: _Case, to: _Case) -> float:
     return median(one - other for one, other in zip(case.p50, to.p50, strict=True))
 
 
-def _spread(case: _Case, to: _Case) -> float:
-    """Half the distance between the quartiles of the rounds' ratios, as a share of their median."""
-    ratios = sorted(one / other for one, other in zip(case.p50, to.p50, strict=True))
-    return (ratios[len(ratios) * 3 // 4] - ratios[len(ratios) // 4]) / 2 / median(ratios)
-
-
 def _only(cases: list[_Case], kind: type[Client]) -> _Case | None:
     return next((case for case in cases if type(case.client) is kind), None)
 
@@ -113,31 +108,32 @@ def _goals(size: int, cases: list[_Case]) -> Iterator[Goal]:
     yield at_most(name, _ratio(sync, ours), SYNC_GOAL)
 
 
-def _table(size: int, cases: list[_Case], others: str) -> Table:
-    epoll = _only(cases, Polling)
-    assert epoll is not None  # noqa: S101 - it is one of RAW
+def _table(measured: dict[int, list[_Case]], others: str) -> Table:
+    columns = [f"{size} bytes: {what}" for size in measured for what in ("p50", "p50 / epoll", "p99", "CPU")]
     return table(
-        f"request and response of {size} bytes over a pseudo-terminal, µs",
-        ("client", "p50", "over epoll", "p50 / epoll", "spread", "p99", "CPU", "requests/s"),
+        "A request and its response over a pseudo-terminal, µs",
+        ("client", *columns),
         [
             (
-                case.client.name,
-                f"{median(case.p50) / 1000:.1f}",
-                f"{_over(case, epoll) / 1000:+.1f}",
-                f"{_ratio(case, epoll):.2f}x",
-                f"{_spread(case, epoll):.0%}",
-                *(f"{median(values) / 1000:.1f}" for values in (case.p99, case.cpu)),
-                f"{1e9 / median(case.wall):,.0f}",
+                cases[0].client.name,
+                *(cell for size, case in zip(measured, cases, strict=True) for cell in _row(case, measured[size])),
             )
-            for case in cases
+            for cases in zip(*measured.values(), strict=True)
         ],
         [
             f"The other end is a program in {language()}, " + _where() + ".",
             "Times are wall-clock times, except CPU, which is the client's own.",
-            "Spread: half the distance between the quartiles of the rounds' ratios.",
             f"{others} The longer the system itself takes, the smaller are all ratios.",
         ],
     )
+
+
+def _row(case: _Case, cases: list[_Case]) -> Iterator[str]:
+    epoll = _only(cases, Polling)
+    assert epoll is not None  # noqa: S101 - it is one of RAW
+    yield f"{median(case.p50) / 1000:.1f}"
+    yield f"{_ratio(case, epoll):.2f}x"
+    yield from (f"{median(values) / 1000:.1f}" for values in (case.p99, case.cpu))
 
 
 def _where() -> str:

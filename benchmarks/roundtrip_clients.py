@@ -48,33 +48,6 @@ class Client(ABC):
         """Close the port."""
 
 
-class Blocking(Client):
-    """Two system calls."""
-
-    name = "os.write, os.read"
-
-    def open(self, path: str) -> None:
-        """Open the port, which blocks."""
-        self.port = os.open(path, os.O_RDWR | os.O_NOCTTY)
-
-    def ask(self, times: int) -> list[int]:
-        """Write, read."""
-        port, frame, size = self.port, self.frame, len(self.answer)
-        took = []
-        for _ in range(times):
-            began = perf_counter_ns()
-            os.write(port, frame)
-            came = 0
-            while came < size:
-                came += len(os.read(port, 4096))
-            took.append(perf_counter_ns() - began)
-        return took
-
-    def close(self) -> None:
-        """Close it."""
-        os.close(self.port)
-
-
 class Polling(Client):
     """The least that a program which waits for several things at once has to do."""
 
@@ -163,32 +136,6 @@ class _Counting(LoopClient):
 
     def lost(self, error: Exception | None) -> None:
         """Nothing more to do: whoever waits is the benchmark, which then stands still."""
-
-
-class Reader(_Counting):
-    """The least that asyncio can do."""
-
-    name = "add_reader"
-
-    async def connect(self, path: str) -> None:
-        """Open the port, which does not block, and watch it."""
-        self.port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        self.loop.add_reader(self.port, lambda: self.data(os.read(self.port, 4096)))
-
-    def request(self) -> Callable[[], Awaitable[Any]]:
-        """Write, wait for the future."""
-
-        async def request() -> None:
-            self._waiter = self.loop.create_future()
-            os.write(self.port, self.frame)
-            await self._waiter
-
-        return request
-
-    async def disconnect(self) -> None:
-        """Close it."""
-        self.loop.remove_reader(self.port)
-        os.close(self.port)
 
 
 class Bare(_Counting):
@@ -337,6 +284,6 @@ class Moteus(LoopClient):
         await asyncio.sleep(0.01)
 
 
-RAW = (Blocking, Polling)
-LOOPS = (Reader, Bare, Ours)
+RAW = (Polling,)
+LOOPS = (Bare, Ours)
 PEERS = (Modbus, Moteus)

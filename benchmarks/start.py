@@ -23,9 +23,9 @@ GOALS = {
     (_CONNECT, _ASYNCIO): 100,
 }
 """At most so many milliseconds of CPU more than what comes second."""
-_IMPORTS = ("import servolink", _ASYNCIO, _CONNECT)
+_IMPORTS = (_ASYNCIO, _CONNECT)
 _PEERS = {"pymodbus": "import pymodbus.client", "moteus": "import moteus"}
-_COMMANDS = ("servolink --help", "servolink servos --help", _SERVOS)
+_COMMANDS = ("servolink --help", _SERVOS)
 
 
 def run(*, short: bool) -> Result:
@@ -45,7 +45,7 @@ def run(*, short: bool) -> Result:
     bare_wall, bare_cpu = times[BARE]
     quote = table(
         "from the start of Python to the end, ms",
-        ("what", "time", "over bare Python", "CPU", "CPU over bare Python", "spread"),
+        ("what", "time", "over bare Python", "CPU", "CPU over bare Python"),
         [
             (
                 name,
@@ -53,14 +53,11 @@ def run(*, short: bool) -> Result:
                 f"{wall_ms - bare_wall:.0f}",
                 f"{cpu_ms:.0f}",
                 f"{cpu_ms - bare_cpu:.0f}",
-                f"{_spread(walls[name]):.0%}",
             )
             for name, (wall_ms, cpu_ms) in times.items()
         ],
         [
-            "`import servolink` alone loads little: the module of a name is loaded when the name is first used.",
             "`connect` needs asyncio, so the goal counts what comes on top.",
-            "Spread: half the distance between the quartiles of the times.",
             f"{neighbours.note()} So time is longer than CPU.",
         ],
     )
@@ -96,8 +93,3 @@ def _start(command: list[str]) -> tuple[float, float]:
     if started.returncode:
         raise RuntimeError(f"{' '.join(command)} ended with {started.returncode}")
     return wall * 1000, (used.ru_utime + used.ru_stime) * 1000
-
-
-def _spread(times: list[float]) -> float:
-    ordered = sorted(times)
-    return (ordered[len(ordered) * 3 // 4] - ordered[len(ordered) // 4]) / 2 / median(ordered)

@@ -70,7 +70,7 @@ def run(*, short: bool) -> Result:
         versions = {"Chromium": browser.version}
     waits = {"slider": slider, "keyframes": keyframes}
     return {
-        "tables": [_table(watched, extent), _waits_table(waits), _tabs_table(tabs, frozen)],
+        "tables": [_table(watched, extent), _tabs_table(tabs, frozen)],
         "goals": [
             *_page_goals(watched, extent),
             *_waits_goals(waits),
@@ -143,21 +143,6 @@ def _table(watched: _Watched, extent: _Extent) -> Table:
         [
             "The server is the studio with its hub; the virtual board is in another process, at a TCP address.",
             "Chromium has no graphics card here: it calculates every pixel, and the figure is drawn flat.",
-        ],
-    )
-
-
-def _waits_table(waits: dict[str, Waits]) -> Table:
-    names = {"slider": "slider to wire", "keyframes": f"drag among {KEYFRAMES:,} keyframes to the screen"}
-    return table(
-        "What a hand on the mouse waits for, ms",
-        ("what", "events", "p50", "p99", "most"),
-        [
-            (names[name], len(each.all), *(f"{each.percentile(percent):.0f}" for percent in (50, 99, 100)))
-            for name, each in waits.items()
-        ],
-        [
-            "The page sends at most 25 movements per second. An angle left out counts until a later one was sent.",
         ],
     )
 

@@ -28,24 +28,28 @@ def run(*, short: bool) -> Result:
     neighbours = Neighbours()
     project, body = Body.read(DEMO)
     physics = Physics(body)
-    rows, ratios = list[tuple[str, ...]](), list[float]()
+    found = list[tuple[float, float, float, str]]()
     for macro in project.macros[:2] if short else project.macros:
         commands = _commands(physics, project, macro)
         simulated = len(commands) * TICK
         bare, ours = _alternately(physics, project, macro, commands, rounds=2 if short else 7)
-        ratios.append(ours / bare)
-        speed = (f"{simulated / bare:.0f}x", f"{simulated / ours:.0f}x", f"{ours / bare:.2f}x")
-        rows.append((name_of(macro), f"{simulated:.1f}", *speed))
+        found.append((ours / bare, simulated / bare, simulated / ours, name_of(macro)))
+    found.sort()
+    chosen = [found[0], found[len(found) // 2], found[-1]]
     tables = [
         table(
-            "Macros of the demo project on one core, in times of real time",
-            ("macro", "simulated s", "bare MuJoCo", "trial", "ratio"),
-            rows,
+            "Macros of the demo project on one core, in times of real time: the least ratio, the median and the most",
+            ("macro", "bare MuJoCo", "trial", "ratio"),
+            [(name, f"{bare:.0f}x", f"{ours:.0f}x", f"{ratio:.2f}x") for ratio, bare, ours, name in chosen],
             [neighbours.note()],
         )
     ]
     goals = [
-        at_most("CPU of a trial beside bare MuJoCo with the same steps, median of all macros", median(ratios), MOST),
+        at_most(
+            "CPU of a trial beside bare MuJoCo with the same steps, median of all macros",
+            median([ratio for ratio, *_ in found]),
+            MOST,
+        ),
     ]
     return {"tables": tables, "goals": goals}
 

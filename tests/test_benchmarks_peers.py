@@ -22,7 +22,7 @@ def installed() -> list[type[Peer]]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # theirs
         others, _ = peers.installed()
-    return [Ours, OursTyped, *(peer for peer in others if peer.delivers)]
+    return [Ours, OursTyped, *others]
 
 
 def test_what_is_missing_is_reported_and_the_rest_is_measured(
@@ -40,7 +40,7 @@ def test_what_is_missing_is_reported_and_the_rest_is_measured(
 
 def row(peer: type[Peer], times: float, typed: float) -> Row:
     speed = Speed(times, 1.0, Comparison(1.0, times, times, 0.01), Comparison(1.0, typed, typed, 0.01))
-    return Row(peer, 14, 14, speed, {}, {})
+    return Row(peer, 14, 14, speed, {})
 
 
 class Library(Textbook):

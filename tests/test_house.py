@@ -34,7 +34,7 @@ CEILINGS = {
     "private members of others": 14,
     "classes with more than 15 attributes": 17,
     "functions with more than 8 arguments": 4,
-    "lines of benchmarks": 6_700,
+    "lines of benchmarks": 6_270,
 }
 
 LATE = {

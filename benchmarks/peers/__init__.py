@@ -21,7 +21,7 @@ from benchmarks.peers.row import Row, measure
 from benchmarks.peers.speed import Pace, Speed
 
 PEERS = {
-    "aioesphomeapi": ("esphome", ("Esphome", "EsphomeAlone")),
+    "aioesphomeapi": ("esphome", ("Esphome",)),
     "cobs": ("stuffed", ("Cobs",)),
     "cflib": ("cpx", ("CPX",)),
     "pymodbus": ("modbus", ("Socket", "RTU")),
@@ -62,8 +62,7 @@ def _run(pace: Pace, *, short: bool) -> Result:
         "missing": missing,
         "tables": [
             tables.who(peers, missing),
-            *(tables.speeds(size, [row for row in rows if row.size == size]) for size in SIZES),
-            tables.recalls([*ours, *rows]),
+            tables.results(ours, rows),
         ],
         "rows": [row.figures for row in (*ours, *rows)],
         "wrong": [fault for row in ours for fault in _lost(row)],

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from importlib import import_module
-from operator import is_
 from typing import Any
 
 from benchmarks.peers.peer import Peer, content
@@ -55,18 +54,6 @@ class Esphome(Peer):
     def content(self, frame: tuple[int, bytes]) -> bytes:
         """Return the message."""
         return frame[1]
-
-
-class EsphomeAlone(Esphome):
-    """The framer with a receiver in C that drops each frame: framing alone, less than a program needs."""
-
-    name = "aioesphomeapi, frames dropped"
-    work = "the same, but nobody gets the frames"
-    fairness = "theirs: compiled, and does less than any program needs"
-    delivers = False
-
-    def _framer(self) -> Any:
-        return _with_receiver(is_, self._close)
 
 
 def _message(size: int, number: int, kind: int) -> bytes:

@@ -28,8 +28,6 @@ class Peer(ABC):
     """Whether it makes an object with the fields of each frame."""
     compiled: ClassVar[bool] = False
     """Whether the loop over the bytes is in C."""
-    delivers: ClassVar[bool] = True
-    """Whether `feed` returns the frames."""
     fairness: ClassVar[str]
     """Where the comparison is unequal: what is to the advantage of which side."""
     feeding: ClassVar[Feeding] = "chunks"

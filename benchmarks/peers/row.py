@@ -9,7 +9,6 @@ from benchmarks.peers.damage import DAMAGES, Recall, damage, recall
 from benchmarks.peers.ours import Ours
 from benchmarks.peers.peer import Peer
 from benchmarks.peers.speed import Pace, Speed, at_best
-from benchmarks.streams import chunks
 
 _INTACT = {14: 20_000, 186: 1500}  # frames sent, by size; some 300 KB and more
 
@@ -25,8 +24,6 @@ class Row:
     best: Speed | None
     """None where it finds less than half of the frames."""
     recall: dict[str, Recall]
-    back_to_back: dict[str, Recall]
-    """Of one that is fed frame by frame: what it finds in chunks of 64 bytes."""
 
     @property
     def figures(self) -> dict[str, Any]:
@@ -36,7 +33,6 @@ class Row:
             "frame": self.frame,
             "speeds": {"best": asdict(self.best)} if self.best else {},
             "recall": {name: asdict(found) for name, found in self.recall.items()},
-            "back_to_back": {name: asdict(found) for name, found in self.back_to_back.items()},
         }
 
 
@@ -44,15 +40,12 @@ def measure(peer: type[Peer], size: int, pace: Pace, *, short: bool) -> Row | No
     """Measure one parser beside ours; None if its format has no frame of this size."""
     if (frame := peer.frame(size, 1)) is None:
         return None
-    found, streamed = _recalls(peer, size, _INTACT[size] // (40 if short else 1)) if peer.delivers else ({}, {})
+    found = _recalls(peer, size, _INTACT[size] // (40 if short else 1))
     best = None if peer is Ours else at_best(peer, size, pace)  # ours is measured beside each of the others
-    return Row(peer, size, len(frame), best, found, streamed)
+    return Row(peer, size, len(frame), best, found)
 
 
-def _recalls(peer: type[Peer], size: int, count: int) -> tuple[dict[str, Recall], dict[str, Recall]]:
+def _recalls(peer: type[Peer], size: int, count: int) -> dict[str, Recall]:
     frames = [peer.frame(size, number) or b"" for number in range(count)]
     streams = {kind: damage(frames, size, kind) for kind in DAMAGES}
-    found = {kind: recall(peer, stream, stream.chunks_for(peer, 64)) for kind, stream in streams.items()}
-    if peer.feeding != "frames":
-        return found, {}
-    return found, {kind: recall(peer, stream, chunks(b"".join(stream.pieces), 64)) for kind, stream in streams.items()}
+    return {kind: recall(peer, stream, stream.chunks_for(peer, 64)) for kind, stream in streams.items()}
