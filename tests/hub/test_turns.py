@@ -20,7 +20,7 @@ from servolink.testing import VirtualTimeLoop
 from servolink.virtual import BoardKind
 from tests.hub.control_program import RpcFailed, shared
 
-RECORDS = 300
+RECORDS = 150
 MOST_CALLS = 40 * RECORDS
 """Calls of functions in one turn of the event loop: a list of all records may pass, a check of all may not."""
 

@@ -7,7 +7,7 @@ import os
 from hypothesis import HealthCheck, settings
 
 MANY = 3 if os.environ.get("CI") else 1
-MUTATIONS = 200 * MANY
+MUTATIONS = 100 * MANY
 """The number of mutated inputs for a target with a share of 1."""
 
 

@@ -36,7 +36,7 @@ _WHOLE_PROJECTS = {"plan_project", "apply_project", "rollback_project"}
 _AFTERWARDS = 1.0
 _LONGEST = 2000  # characters of an error, which may name all servos
 _FLOODS = [name for name, how in LIES.items() if how.unasked() != ()]
-_FLOODED = 12.0
+_FLOODED = 6.0
 _MEMORY = 200_000  # bytes: three of the longest frame
 _EVENTS = 10_000
 

@@ -17,7 +17,7 @@ from servolink.transports import Faults, FaultyTransport, Receiver, Transport, W
 from servolink.virtual import VirtualBoard, VirtualTransport
 from tests.plugged import plugged
 from tests.project.pulled import contents_of
-from tests.sampling import sampled
+from tests.sampling import every, sampled, some
 from tests.virtual_time import VirtualTimeLoop, run
 
 Fault = Literal["none", "unplugged", "EIO", "partial", "swallowed"]
@@ -300,9 +300,10 @@ def test_closing_can_be_cancelled_anywhere_and_done_again() -> None:
     cancel_everywhere(scene)
 
 
+@every(3)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_board_that_comes_back_by_itself_survives_a_fault_at_any_operation(
-    fault: Fault, monkeypatch: pytest.MonkeyPatch
+    fault: Fault, step: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[FailingTransport] = []
 
@@ -330,5 +331,5 @@ def test_a_board_that_comes_back_by_itself_survives_a_fault_at_any_operation(
         await board.close()
         return happened
 
-    points = next(at for at in range(1, MANY) if not run(main(at))) - 1
+    points = next(at for at in some(1, MANY, step) if not run(main(at))) - 1
     assert points > 10

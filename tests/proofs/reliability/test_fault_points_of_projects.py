@@ -97,7 +97,7 @@ async def assert_nothing_is_lost(name: str, virtual: VirtualBoard, folder: Path,
         assert await board.export_project() == OLD
 
 
-@every(29)
+@every(59)
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("name", CALLS)
 def test_a_fault_at_any_operation_loses_no_project(name: str, fault: Fault, step: int, tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_a_fault_at_any_operation_loses_no_project(name: str, fault: Fault, step
     assert points > 20
 
 
-@every(31)
+@every(61)
 @pytest.mark.parametrize("name", ["apply", "apply at depth 4", "replace", "rollback"])
 def test_it_can_be_cancelled_anywhere(name: str, step: int, tmp_path: Path) -> None:
     folder = tmp_path / "now"

@@ -28,6 +28,10 @@ LARGE = [case for case in SHORT if case.repeats + case.cancels + case.fences >= 
 """Cases with thousands of states."""
 CASES = [case for case in SHORT if case not in LARGE] + [case for large in LARGE for case in smaller(large)]
 COSTLY = {
+    "a fence that is asked for as well",
+    "a setting, answered twice, fewer repeats",
+    "a setting and a fence, fewer fences",
+    "a fence that is asked for, answered twice",
     "one servo, fenced by all of them",
     "keyed queries, two of them equal",
     "keyed queries, fewer cancellations",

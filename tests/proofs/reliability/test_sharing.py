@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
 from servolink.connection import Connection
 from servolink.hub import Exchange, FrameProgram, RoundRobin
 from servolink.motion import ServoUnits, StopCounter
-from tests import processes
+from tests.proofs.reliability.__main__ import main
 from tests.proofs.reliability.hub_history import HubScene, relive_sharing
 from tests.sampling import sampled
 
-ROOT = Path(__file__).parents[3]
 STOP_WHILE_A_UNIT_IS_SET = 97  # and 40 is a stop while a servo correction waits
 
 
@@ -82,7 +80,9 @@ def test_what_is_wrong_with_a_hub_is_found(
     assert any(fault in text for seed in range(first, first + 450, 3) for text in relive_sharing(seed, 340).faults)
 
 
-def test_the_command_lives_through_one_history() -> None:
-    command = [sys.executable, "-m", "tests.proofs.reliability", "hub", "--seed", "5", "--steps", "100"]
-    done = processes.run(command, cwd=ROOT, check=True)
-    assert done.stdout.startswith("seed 5: 32 programs; stalls of 300 ms; board: prompt; depth ")
+def test_the_command_lives_through_one_history(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["reliability", "hub", "--seed", "5", "--steps", "100"])
+    assert main() == 0
+    assert capsys.readouterr().out.startswith("seed 5: 32 programs; stalls of 300 ms; board: prompt; depth ")
