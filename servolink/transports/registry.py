@@ -32,6 +32,8 @@ _KINDS = {
     "share": _TransportKind("servolink.control", "from_address"),
     "memory": _TransportKind("servolink.transports.memory", "from_address"),
     "webserial": _TransportKind("servolink.transports.page_ports", "from_address"),
+    "webusb": _TransportKind("servolink.transports.page_ports", "from_address"),
+    "webhid": _TransportKind("servolink.transports.page_ports", "from_address"),
     "replay": _TransportKind("servolink.recorder", "from_address"),
     "virtual": _TransportKind("servolink.virtual", "from_address"),
 }
