@@ -4,12 +4,14 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 const { Ports } = await import("../../../servolink/studio/web/link/ports.js");
+const { BulkPort } = await import("../../../servolink/studio/web/link/usb-port.js");
+const { HidPort } = await import("../../../servolink/studio/web/link/hid-port.js");
 const { SerialDevice } = await import("../../../servolink/studio/web/link/serial-port.js");
 
 let isLocked = false;
 Object.defineProperty(globalThis, "navigator", {
   configurable: true,
-  value: { locks: { request: (_name, _options, use) => use(isLocked ? null : {}) } },
+  value: { hid: new EventTarget(), locks: { request: (_name, _options, use) => use(isLocked ? null : {}) } },
 });
 
 const STOP = "STOP";
@@ -126,7 +128,7 @@ test("the rest of a long frame goes before the stop", async () => {
   ports.stop();
   assert.deepEqual(
     device.taken.map((data) => data.length),
-    [4096, 5904, 4],
+    [4096, 4096, 1808, 4],
   );
 });
 
@@ -222,4 +224,80 @@ test("a serial port that is closed ends its reading", async () => {
   const reading = serial.read();
   await serial.close();
   assert.deepEqual([await reading, port.isOpen], [null, false]);
+});
+
+/** A USB device with two interfaces, of which the second one is the maker's. */
+function bulkDevice() {
+  const endpoint = (number, direction) => ({ endpointNumber: number, direction, type: "bulk", packetSize: 64 });
+  const alternate = (interfaceClass, endpoints) => ({ alternateSetting: 0, interfaceClass, endpoints });
+  const device = {
+    configuration: null,
+    calls: [],
+    answers: [],
+    open: async () => device.calls.push("open"),
+    close: async () => device.calls.push("close"),
+    selectConfiguration: async () => {
+      device.configuration = {
+        interfaces: [
+          { interfaceNumber: 0, alternates: [alternate(10, [endpoint(1, "in"), endpoint(1, "out")])] },
+          { interfaceNumber: 1, alternates: [alternate(0xff, [endpoint(2, "out"), endpoint(3, "in")])] },
+        ],
+      };
+    },
+    claimInterface: async (number) => device.calls.push(`claim ${number}`),
+    transferIn: async () => device.answers.shift() ?? Promise.reject(new DOMException("gone", "NotFoundError")),
+    transferOut: async (number, data) => (device.calls.push(`out ${number}: ${data.length}`), { status: "ok" }),
+    clearHalt: async (direction, number) => device.calls.push(`clear ${direction} ${number}`),
+  };
+  return device;
+}
+
+test("a USB board is its maker's interface; an empty packet ends a frame whose last packet is full", async () => {
+  const device = bulkDevice(),
+    port = new BulkPort(device);
+  await port.open();
+  await port.write(new Uint8Array(64), false);
+  await port.write(new Uint8Array(64), true);
+  await port.write(new Uint8Array(12), true);
+  assert.deepEqual(device.calls, ["open", "claim 1", "out 2: 64", "out 2: 64", "out 2: 0", "out 2: 12"]);
+  device.answers.push({ status: "stall" }, { status: "ok", data: new DataView(Uint8Array.of(7).buffer) });
+  assert.deepEqual([...(await port.read())], [7]);
+  assert.equal(device.calls.at(-1), "clear in 3");
+  await assert.rejects(port.read(), { name: "NotFoundError" });
+});
+
+test("a USB device without such an interface is refused with the reason", async () => {
+  const device = bulkDevice();
+  device.configuration = { interfaces: [] };
+  await assert.rejects(new BulkPort(device).open(), /no vendor interface/);
+});
+
+test("an HID board takes frames in padded reports, and ends when it is unplugged", async () => {
+  const report = (reportId) => ({ reportId, items: [{ reportSize: 8, reportCount: 16 }] });
+  const sent = [];
+  const device = Object.assign(new EventTarget(), {
+    collections: [{ usagePage: 0xff00, inputReports: [report(2)], outputReports: [report(1)] }],
+    open: async () => {},
+    close: async () => {},
+    sendReport: async (id, data) => void sent.push([id, ...data]),
+  });
+  posted = [];
+  ports = new Ports((...message) => posted.push(message), { find: async () => new HidPort(device) });
+  ports.hear("port.open", 1, '{"url":"webhid://1209:0001"}');
+  await turn();
+  ports.hear("port.stop", 1, STOP);
+  send("a".repeat(20));
+  await turn();
+  assert.deepEqual(sent, [
+    [1, ...Array(16).fill(97)],
+    [1, ...Array(4).fill(97), ...Array(12).fill(0)],
+  ]);
+  const data = new DataView(Uint8Array.of(1, 2).buffer);
+  for (const reportId of [1, 2])
+    device.dispatchEvent(Object.assign(new Event("inputreport"), { device, reportId, data }));
+  await turn();
+  assert.deepEqual(told("port.data"), ["\x01\x02"]);
+  navigator.hid.dispatchEvent(Object.assign(new Event("disconnect"), { device }));
+  await turn();
+  assert.deepEqual(told("port.lost"), [""]);
 });

@@ -26,9 +26,35 @@ class StandIn {
   }
 }
 
-/** @type {any} */ (globalThis).Worker = StandIn;
+const browser = /** @type {any} */ (globalThis);
+browser.Worker = StandIn;
+browser.window = new EventTarget();
+browser.document = Object.assign(new EventTarget(), { hidden: false, documentElement: { dataset: {} } });
+/** Frames that the serial port of this browser was given. @type {string[]} */
+let written = [];
+const serialPort = {
+  getInfo: () => ({ usbVendorId: 0x1a86, usbProductId: 0x7523 }),
+  open: async () => {
+    serialPort.readable = new ReadableStream();
+    serialPort.writable = new WritableStream({ write: (data) => void written.push(String.fromCharCode(...data)) });
+  },
+  close: async () => {},
+  setSignals: async () => {},
+  /** @type {any} */
+  readable: null,
+  /** @type {any} */
+  writable: null,
+};
+const serial = Object.assign(new EventTarget(), { getPorts: async () => [serialPort] });
+Object.defineProperty(globalThis, "navigator", {
+  configurable: true,
+  value: {
+    serial,
+    locks: { request: (/** @type {any} */ _name, /** @type {any} */ _options, /** @type {any} */ use) => use({}) },
+  },
+});
 /** @type {any} */ (globalThis).WebSocket ??= { OPEN: 1, CLOSED: 3 };
-const { WorkerLine } = await import("../../../servolink/studio/web/link/worker-line.js");
+const { stopPorts, watchPorts, WorkerLine } = await import("../../../servolink/studio/web/link/worker-line.js");
 const { failure, loading } = await import("../../../servolink/studio/web/state/loading.js");
 
 /** @type {InstanceType<typeof WorkerLine>} */
@@ -86,4 +112,62 @@ test("a worker that fails closes every line, says why, and is replaced", async (
   assert.ok(first.isTerminated);
   line = new WorkerLine();
   assert.notEqual(worker(), first);
+});
+
+const turn = () => new Promise((resolve) => setTimeout(resolve));
+const told = () => worker().posted.filter(([kind]) => kind === "port.stopped").length;
+
+async function connected() {
+  say("port.open", JSON.stringify({ url: "webserial://1a86:7523" }), 7);
+  await turn();
+  say("port.stop", "STOP", 7);
+  written = [];
+}
+
+watchPorts();
+for (const [why, happen] of /** @type {[string, () => void][]} */ ([
+  ["STOP", stopPorts],
+  [
+    "a page that is hidden",
+    () => {
+      browser.document.hidden = true;
+      browser.document.dispatchEvent(new Event("visibilitychange"));
+      browser.document.hidden = false;
+    },
+  ],
+  ["a page that is frozen", () => browser.document.dispatchEvent(new Event("freeze"))],
+  ["a page that is left", () => browser.window.dispatchEvent(new Event("pagehide"))],
+])) {
+  test(`${why} stops all servos at once, and tells the worker`, async () => {
+    await connected();
+    const before = told();
+    happen();
+    assert.deepEqual([written, told()], [["STOP"], before + 1]);
+    say("port.close", "", 7);
+    await turn();
+  });
+}
+
+test("a page that is shown again stops nothing", async () => {
+  await connected();
+  browser.document.dispatchEvent(new Event("visibilitychange"));
+  assert.deepEqual(written, []);
+  say("port.close", "", 7);
+  await turn();
+});
+
+test("a worker that has ended is followed by a stop at once", async () => {
+  await connected();
+  worker().onerror({ message: "no memory" });
+  assert.deepEqual(written, ["STOP"]);
+});
+
+test("the worker is told the ports that come and go, by the names of their makers", async () => {
+  serial.dispatchEvent(new Event("connect"));
+  await turn();
+  assert.deepEqual(worker().posted.at(-1), [
+    "port.list",
+    0,
+    JSON.stringify([{ url: "webserial://1a86:7523", product: "CH340" }]),
+  ]);
 });

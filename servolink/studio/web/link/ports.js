@@ -3,12 +3,12 @@
 // all servos, and drops motions of before.
 
 /** @typedef {(kind: string, number: number, text: string) => void} Post */
-/** @typedef {{ open: (options: Options) => Promise<void>, read: () => Promise<Uint8Array | null>, write: (data: Uint8Array) => Promise<void>, close: () => Promise<void> }} Device */
+/** @typedef {{ open: (options: Options) => Promise<void>, read: () => Promise<Uint8Array | null>, write: (piece: Uint8Array, isLast: boolean) => Promise<void>, piece: number, close: () => Promise<void> }} Device */
 /** @typedef {{ url: string, baudrate?: number, dtr?: boolean, rts?: boolean }} Options */
 /** @typedef {{ data: Uint8Array, epoch: number, moves: boolean }} Frame */
 /** @typedef {{ find: (url: string) => Promise<Device | null> }} Finder */
 
-const PIECE = 4096; // bytes given to the browser at once
+const CHUNK = 4096; // bytes made to text at once
 const LOCK = "servolink port"; // held by the one tab with a robot
 const [ABSENT, IN_USE, OTHER_TAB] = ["absent", "in use", "other tab"]; // reasons for which the worker has texts
 
@@ -166,8 +166,8 @@ class Port {
     // that frame.
     const rest = this._rest ?? new Uint8Array();
     this._rest = null;
-    if (rest.length > 0) this._give(rest).then(() => this._count(rest.length));
-    this._give(this.stopFrame);
+    if (rest.length > 0) this._giveAll(rest).then(() => this._count(rest.length));
+    this._giveAll(this.stopFrame);
   }
 
   async close() {
@@ -185,9 +185,9 @@ class Port {
     this._isWriting = true;
     for (let next = this._waiting.shift(); next; next = this._waiting.shift()) {
       for (this._rest = next.data; this._rest?.length;) {
-        const piece = this._rest.subarray(0, PIECE);
-        this._rest = this._rest.subarray(PIECE);
-        if (!(await this._give(piece))) return;
+        const piece = this._rest.subarray(0, this._size);
+        this._rest = this._rest.subarray(this._size);
+        if (!(await this._give(piece, this._rest.length === 0))) return;
         this._count(piece.length);
       }
       this._rest = null;
@@ -195,10 +195,23 @@ class Port {
     this._isWriting = false;
   }
 
-  /** Give bytes to the browser, and return whether all were accepted. @param {Uint8Array} data */
-  async _give(data) {
+  /** Bytes given to the browser at once. */
+  get _size() {
+    return this.device?.piece ?? CHUNK;
+  }
+
+  /** Give the end of a frame to the browser, without waiting between pieces. @param {Uint8Array} data */
+  _giveAll(data) {
+    const given = [];
+    for (let at = 0; at < data.length; at += this._size)
+      given.push(this._give(data.subarray(at, at + this._size), at + this._size >= data.length));
+    return Promise.all(given);
+  }
+
+  /** Give bytes to the browser, and return whether all were accepted. @param {Uint8Array} piece @param {boolean} isLast */
+  async _give(piece, isLast) {
     try {
-      await this.device?.write(data);
+      await this.device?.write(piece, isLast);
       return true;
     } catch {
       this._break();
@@ -226,7 +239,7 @@ const bytesOf = (text) => Uint8Array.from(text, (character) => character.charCod
 /** @param {Uint8Array} data */
 function textOf(data) {
   let text = "";
-  for (let at = 0; at < data.length; at += PIECE) text += String.fromCharCode(...data.subarray(at, at + PIECE));
+  for (let at = 0; at < data.length; at += CHUNK) text += String.fromCharCode(...data.subarray(at, at + CHUNK));
   return text;
 }
 

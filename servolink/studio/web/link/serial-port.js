@@ -2,72 +2,16 @@
 
 /** @typedef {import("./ports.js").Options} Options */
 /** @typedef {{ getInfo: () => { usbVendorId?: number, usbProductId?: number }, readable: ReadableStream<Uint8Array> | null, writable: WritableStream<Uint8Array> | null, open: (options: object) => Promise<void>, close: () => Promise<void>, setSignals: (signals: object) => Promise<void> }} SerialPort */
-/** @typedef {EventTarget & { getPorts: () => Promise<SerialPort[]>, requestPort: () => Promise<SerialPort> }} Serial */
 
 const BUFFER = 4096; // bytes that the browser holds for reading and for writing
 const DRAINS = 300; // milliseconds for written bytes to leave before a port is closed
-
-/** Names of makers of adapters, by vendor id: the browser gives none. @type {Record<number, string>} */
-const MAKERS = {
-  0x0403: "FTDI",
-  0x067b: "Prolific",
-  0x10c4: "Silicon Labs CP210x",
-  0x1a86: "CH340",
-  0x2341: "Arduino",
-  0x2e8a: "Raspberry Pi Pico",
-  0x303a: "Espressif",
-  0x0483: "STM32",
-};
-
-/** Return the serial ports of the browser; null for a browser without Web Serial. */
-export const serial = () => /** @type {{ navigator?: { serial?: Serial } }} */ (globalThis).navigator?.serial ?? null;
-
-/** Return the ports that were granted to this page, by address. @returns {Promise<Map<string, SerialPort>>} */
-export async function grantedPorts() {
-  const found = new Map();
-  for (const port of (await serial()?.getPorts()) ?? []) {
-    const place = placeOf(port);
-    let url = place;
-    for (let number = 2; found.has(url); number++) url = `${place}/${number}`;
-    found.set(url, port);
-  }
-  return found;
-}
-
-/**
- * Let a person choose a port in the list of the browser, without filters, which would hide adapters; return its address,
- * null for none.
- * @returns {Promise<string | null>}
- */
-export async function choosePort() {
-  try {
-    const chosen = await serial()?.requestPort();
-    return [...(await grantedPorts())].find(([, port]) => port === chosen)?.[0] ?? null;
-  } catch {
-    return null; // the person has closed the list without a choice
-  }
-}
-
-/** Return the name of a port for people, empty without USB. @param {SerialPort} port */
-export function nameOf(port) {
-  const { usbVendorId, usbProductId } = port.getInfo();
-  if (usbVendorId === undefined) return "";
-  return `${MAKERS[usbVendorId] ?? "USB"} (${hex(usbVendorId)}:${hex(usbProductId)})`;
-}
-
-/** @param {SerialPort} port */
-function placeOf(port) {
-  const { usbVendorId, usbProductId } = port.getInfo();
-  return `webserial://${hex(usbVendorId)}:${hex(usbProductId)}`;
-}
-
-const hex = (number = 0) => number.toString(16).padStart(4, "0");
 
 /** Serial port with the streams of one connection to a board. */
 export class SerialDevice {
   /** @param {SerialPort} port */
   constructor(port) {
     this._port = port;
+    this.piece = BUFFER;
     /** @type {ReadableStreamDefaultReader<Uint8Array> | null} */
     this._reader = null;
     /** @type {WritableStreamDefaultWriter<Uint8Array> | null} */

@@ -2,8 +2,8 @@
 
 import { tellFailure, tellLoading } from "../state/loading.js";
 import { keptAddress, tellRefusal } from "../state/connecting.js";
+import { grantedPorts, onPorts } from "./granted.js";
 import { Ports } from "./ports.js";
-import { grantedPorts, nameOf, serial, SerialDevice } from "./serial-port.js";
 
 /** @type {Worker | null} */
 let worker = null;
@@ -11,10 +11,7 @@ let lastLine = 0;
 /** @type {Map<number, WorkerLine>} */
 const lines = new Map();
 const ports = new Ports((kind, number, text) => worker?.postMessage([kind, number, text]), {
-  find: async (url) => {
-    const port = (await grantedPorts()).get(url);
-    return port ? new SerialDevice(port) : null;
-  },
+  find: async (url) => (await grantedPorts()).get(url)?.make() ?? null,
 });
 
 /** Stop all servos of boards at the ports of this page at once, whatever the worker is doing. */
@@ -22,7 +19,7 @@ export const stopPorts = () => ports.stop();
 
 /** List the ports granted to this page for the worker. */
 export async function tellPorts() {
-  const found = [...(await grantedPorts())].map(([url, port]) => ({ url, product: nameOf(port) }));
+  const found = [...(await grantedPorts())].map(([url, { product }]) => ({ url, product }));
   worker?.postMessage(["port.list", 0, JSON.stringify(found)]);
 }
 
@@ -39,7 +36,7 @@ export function watchPorts() {
     target.addEventListener(name, () => {
       if (name !== "visibilitychange" || document.hidden) stopPorts();
     });
-  for (const name of ["connect", "disconnect"]) serial()?.addEventListener(name, tellPorts);
+  onPorts(tellPorts);
 }
 
 function start() {

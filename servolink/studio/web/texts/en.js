@@ -837,6 +837,8 @@ export const texts = {
   "fleet.and_more": "{boards} and {count} more",
 
   "robots.own": "Connect my robot",
+  "robots.own_usb": "A board without a serial port: USB",
+  "robots.own_hid": "A board without a serial port: HID",
   "robots.no_ports": "This browser cannot reach a robot. Chrome, Edge and Opera can, and Firefox from version 151, on a computer or a Chromebook. The virtual robot works here.",
   "robots.no_https": "A page reaches a robot only over https, or from this computer. The virtual robot works here.",
   "robots.elsewhere": "Robots in a network, boards made of a Pico, fleets, physics and other programs need servolink on a computer: pip install servolink",

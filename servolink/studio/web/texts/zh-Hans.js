@@ -837,6 +837,8 @@ export const texts = {
   "fleet.and_more": "{boards} 等，另有 {count} 台",
 
   "robots.own": "连接我的机器人",
+  "robots.own_usb": "没有串口的主板：USB",
+  "robots.own_hid": "没有串口的主板：HID",
   "robots.no_ports": "此浏览器无法连接机器人。电脑或 Chromebook 上的 Chrome、Edge、Opera 以及 151 版起的 Firefox 可以。虚拟机器人在这里可以使用。",
   "robots.no_https": "页面只有通过 https 或从本机打开时才能连接机器人。虚拟机器人在这里可以使用。",
   "robots.elsewhere": "网络中的机器人、用 Pico 制作的主板、机群、物理模拟和其他程序需要在电脑上安装 servolink：pip install servolink",

@@ -837,6 +837,8 @@ export const texts = {
   "fleet.and_more": "{boards} 等，另有 {count} 塊",
 
   "robots.own": "連接我的機器人",
+  "robots.own_usb": "沒有序列埠的控制板：USB",
+  "robots.own_hid": "沒有序列埠的控制板：HID",
   "robots.no_ports": "這個瀏覽器無法連接機器人。電腦或 Chromebook 上的 Chrome、Edge、Opera 以及 151 版起的 Firefox 可以。虛擬機器人在這裡可以使用。",
   "robots.no_https": "頁面只有透過 https 或從這台電腦開啟時才能連接機器人。虛擬機器人在這裡可以使用。",
   "robots.elsewhere": "網路中的機器人、用 Pico 製作的控制板、機隊、物理模擬和其他程式需要在電腦上安裝 servolink：pip install servolink",
