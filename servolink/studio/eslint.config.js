@@ -1,11 +1,11 @@
 // What the compiler does not see in the page's own modules: names that are not used, and code that nobody reaches.
 
 const BROWSER = [
-  "AbortController", "addEventListener", "atob", "Blob", "cancelAnimationFrame", "clearInterval", "clearTimeout", "confirm", "console",
+  "AbortController", "addEventListener", "atob", "Blob", "caches", "cancelAnimationFrame", "clearInterval", "clearTimeout", "confirm", "console",
   "CustomEvent", "devicePixelRatio", "document", "Element", "Event", "EventSource", "fetch", "File", "getComputedStyle", "history",
-  "HTMLElement", "HTMLInputElement", "innerHeight", "innerWidth", "IntersectionObserver", "KeyboardEvent", "localStorage", "location", "matchMedia",
-  "MouseEvent", "navigator", "performance", "PointerEvent", "postMessage", "queueMicrotask", "removeEventListener",
-  "requestAnimationFrame", "ResizeObserver", "sessionStorage", "setInterval", "setTimeout", "structuredClone", "TextDecoder",
+  "HTMLElement", "HTMLInputElement", "innerHeight", "innerWidth", "IntersectionObserver", "isSecureContext", "KeyboardEvent", "localStorage", "location", "matchMedia",
+  "MessageChannel", "MouseEvent", "navigator", "performance", "PointerEvent", "postMessage", "queueMicrotask", "removeEventListener",
+  "requestAnimationFrame", "ResizeObserver", "Response", "self", "sessionStorage", "setInterval", "setTimeout", "structuredClone", "TextDecoder",
   "TextEncoder", "URL", "URLSearchParams", "WebSocket", "window", "Worker",
 ];
 

@@ -4,6 +4,8 @@ import { dirname, join, resolve } from "node:path";
 import process from "node:process";
 import { fileURLToPath } from "node:url";
 import { loadPyodide } from "pyodide";
+import { keepFolder, KeptLog } from "../../servolink/studio/web/worker/kept-files.js";
+import { Store } from "./store.mjs";
 
 const RUN = `
 import inspect, runpy, sys, traceback, warnings
@@ -37,6 +39,17 @@ try {
   for (const wheel of readdirSync(wheels)) {
     pyodide.unpackArchive(new Uint8Array(readFileSync(join(wheels, wheel))), "wheel");
   }
+  pyodide.registerJsModule("browser", {
+    newStores: () => [new Store({ left: Infinity }), new Store({ left: Infinity })],
+    copyOf: (stores) => stores.map(({ bytes }) => new Store({ left: Infinity }, bytes.slice())),
+    /** Mount a folder that is kept in stores, with the files that they have of it, or of the folder `origin`. */
+    keep: (folder, stores, origin = folder) => {
+      const log = new KeptLog(stores);
+      log.files = new Map([...log.files].map(([path, file]) => [path.replace(origin, folder), file]));
+      // The next turn never comes: what a program has synchronized is kept without it.
+      keepFolder(pyodide.FS, folder, log, () => {}, () => {});
+    },
+  });
   process.exit(await pyodide.runPython(RUN)(root, resolve(file), options));
 } catch (error) {
   console.error(error.message); // without the line of Pyodide that raised it, of a megabyte

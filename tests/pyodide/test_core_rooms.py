@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tests import processes
+from tests.sampling import every
 
 HERE = Path(__file__).parent
 DRIVERS = {
@@ -34,9 +35,9 @@ def python(request: pytest.FixtureRequest) -> list[str]:
     return [sys.executable, "-W", "error", "-m", *request.param.split()]
 
 
-def printed(python: list[str], file: str) -> Any:
+def printed(python: list[str], file: str, *arguments: str) -> Any:
     """Return what a file of this folder prints, as JSON; it must not complain."""
-    done = processes.run([*python, str(HERE / file)], cwd=HERE.parents[1], check=True)
+    done = processes.run([*python, str(HERE / file), *arguments], cwd=HERE.parents[1], check=True)
     assert done.stderr == ""
     return json.loads(done.stdout)
 
@@ -60,3 +61,9 @@ def test_servos_move_through_a_hub_of_the_same_process(python: list[str]) -> Non
 
 def test_every_query_is_answered_on_a_line_that_loses_bytes(python: list[str]) -> None:
     assert printed(python, "lossy_line.py") == {"1": 50, "2": 50}
+
+
+@pytest.mark.pyodide
+@every(13)
+def test_after_a_page_that_ends_before_any_packet_the_next_visit_goes_on(step: int) -> None:
+    assert printed([sys.executable, "-m", "tests.pyodide"], "interrupted_visit.py", str(step)) >= 60 // step

@@ -1,6 +1,6 @@
 // The line to a studio that runs in a worker of this page: what `Link` needs of a WebSocket.
 
-import { tellFailure, tellLoading } from "../state/loading.js";
+import { tellFailure, tellLoading, tellUnkept } from "../state/loading.js";
 import { keptAddress, tellRefusal } from "../state/connecting.js";
 import { grantedPorts, onPorts } from "./granted.js";
 import { Ports } from "./ports.js";
@@ -45,6 +45,7 @@ function start() {
   started.onmessage = ({ data: [kind, number, text] }) => {
     if (kind === "progress") tellLoading(JSON.parse(text));
     else if (kind === "failed") fail(text);
+    else if (kind === "unkept") tellUnkept(text);
     else if (kind === "refused") tellRefusal(text);
     else if (kind.startsWith("port.")) ports.hear(kind, number, text);
     else lines.get(number)?.heard(kind, text);

@@ -8,6 +8,8 @@ import { signal } from "../html.js";
 export const loading = signal(/** @type {Loading | null} */ (null));
 /** Why Python could not be loaded; empty if it could, or may yet be. */
 export const failure = signal("");
+/** Why files of the user cannot be kept in the browser; empty if they are. */
+export const unkept = signal("");
 
 /** @param {Loading} now */
 export function tellLoading(now) {
@@ -18,4 +20,9 @@ export function tellLoading(now) {
 /** @param {string} why */
 export function tellFailure(why) {
   failure.value = why;
+}
+
+/** @param {string} why */
+export function tellUnkept(why) {
+  unkept.value = why;
 }

@@ -1,6 +1,8 @@
 // The studio in a worker: loads Python, starts the studio with a virtual robot, and carries messages between its door and
 // the page. `files.json` of the build says how much is loaded.
 
+import { KeptLog, keepFolder, openStores } from "./kept-files.js";
+
 /** @typedef {{ take: (kind: string, line: number, text: string) => void, begin: (address: string) => Promise<void> }} Door */
 
 // Folders of the library: files of the user, and files of the running program.
@@ -49,7 +51,14 @@ async function start() {
   ]);
   const { loadPyodide } = await import(new URL("pyodide.mjs", runtime).href);
   const python = await loadPyodide({ indexURL: runtime.href, env: { HOME: KEPT, XDG_RUNTIME_DIR: RUNNING } });
-  for (const folder of [KEPT, RUNNING]) python.FS.mkdirTree(folder, 0o700);
+  python.FS.mkdirTree(RUNNING, 0o700);
+  const fail = (/** @type {unknown} */ error) => post("unkept", 0, String(error));
+  try {
+    keepFolder(python.FS, KEPT, new KeptLog(await openStores()), fail);
+  } catch (error) {
+    python.FS.mkdirTree(KEPT, 0o700);
+    fail(error);
+  }
   python.unpackArchive(packages, "zip", { extractDir: PACKAGES });
   const module = python.pyimport("servolink.studio.worker_door");
   door = /** @type {Door} */ (module.WorkerDoor(post));
