@@ -18,7 +18,6 @@ from servolink.client.captions import (
     servo_or_caption,
     servo_targets,
 )
-from servolink.client.collecting import check_can_wait, collect
 from servolink.client.connecting import connect, reconnecting
 from servolink.client.identity_guard import IdentityGuard
 from servolink.client.playing import Playback
@@ -28,6 +27,7 @@ from servolink.client.servo_readings import MOST_HZ, ServoReading, ServoReadings
 from servolink.client.servo_state import Servo, Servos
 from servolink.client.servo_stream import ServoStream, point_check
 from servolink.client.session import Session
+from servolink.client.stored_runs import check_can_wait, collect
 
 __all__ = [
     # connecting

@@ -116,6 +116,7 @@ class ServoController:
         request = SetServoParameterRequest(servo_id, is_start, is_hold)
         response = await self.answer_to(request, ticket=ticket)
         if response != SetServoParameterResponse(servo_id, is_start, is_hold):
+            await self._session.check_refused(request, ticket)
             raise Rejected(
                 f"servo {servo_id} was asked for start {is_start}, hold {is_hold}; the board "
                 f"answered servo {response.servo_id}, start {response.is_start}, hold {response.is_hold}",

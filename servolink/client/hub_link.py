@@ -115,6 +115,10 @@ class HubLink:
 
         return send_points
 
+    async def catch_up(self) -> None:
+        """Return when all is heard that the hub has told by now, since its answers keep the order."""
+        await self._channel.call("board.state", timeout=_LIMIT)
+
     async def stop(self) -> None:
         """Stop all servos, and return when the hub has read all of them as stopped. Raise OutcomeUnknown otherwise."""
         await self._channel.call("stop")

@@ -10,10 +10,9 @@ from typing import Any
 from msgspec.structs import replace
 
 from servolink.client.board_servos import ServoController
-from servolink.client.collecting import check_can_wait, collect
 from servolink.client.projects import check_project
 from servolink.client.session import Session
-from servolink.client.stored_runs import StoredRuns
+from servolink.client.stored_runs import StoredRuns, check_can_wait, collect
 from servolink.connection import UnitsChanged
 from servolink.errors import ConnectionLost, EncodeError, NotFound, Reason, RequestRefused
 from servolink.motion import INTERVAL_UNIT, Ticket

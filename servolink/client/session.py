@@ -167,6 +167,18 @@ class Session:
         if refusal := self.connection.gates.lease(packet, ticket):
             raise MotionRefused(f"{name} was started, and then interrupted: {refusal}") from refusal
 
+    async def check_refused(self, packet: Packet, ticket: Ticket) -> None:
+        """Raise the reason why a motion was refused, if a hub tells one: a stop, a loss, or another program.
+
+        The refusal may come first, as it comes on another connection than what the hub tells.
+        """
+        if (hub := self.connection.hub) is None:
+            return
+        with suppress(ServolinkError):  # if the hub says nothing, the refusal itself is the error
+            await hub.catch_up()
+        if refusal := self.connection.gates.refusal(packet, ticket):
+            raise refusal
+
     # --- requests -----------------------------------------------------------------------------------------------
 
     def request(

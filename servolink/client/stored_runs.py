@@ -1,17 +1,17 @@
-"""StoredRuns: stored actions and macros (3.2.6, 3.3.9), compared with the limits of movements before a run."""
+"""Runs of stored actions and macros (3.2.6, 3.3.9), read with all that they run, and compared with the limits."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterator, Mapping
+from collections import deque
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 from servolink.client.board_records import RecordStore
 from servolink.client.board_servos import ServoController
-from servolink.client.collecting import check_can_wait, collect
 from servolink.client.servo_state import Servo, until_over
 from servolink.client.session import Session
-from servolink.errors import ConnectionLost, MotionRefused, Reason, Rejected, RequestRefused, TargetNotReached
+from servolink.errors import ConnectionLost, MotionRefused, NotFound, Reason, Rejected, RequestRefused, TargetNotReached
 from servolink.motion import Ticket
 from servolink.project import Project, RecordRun, name_of, preflight_run, uncheckable
 from servolink.protocol import (
@@ -27,6 +27,11 @@ from servolink.protocol import (
     RecordType,
 )
 from servolink.support import check_seconds, computed
+
+_MOST = ACTION.list_limit + MACRO.list_limit  # bound of all lists of records
+
+Get: TypeAlias = Callable[[RecordType[Any], int], Awaitable[Any]]
+"""Returns a record by type and id. Raises NotFound if there is none."""
 
 
 class StoredRuns:
@@ -76,6 +81,7 @@ class StoredRuns:
         request = ExecuteMacroRequest(macro_id)
         response = await connection.request(request, ticket=ticket)
         if not response.result:
+            await self._session.check_refused(request, ticket)
             cause = "the macro may run itself, or something that is not stored"
             raise Rejected(f"{self._session.url} refused {request.described}: {cause}", request)
         if wait and run is not None:
@@ -197,3 +203,43 @@ def _refuse(record: Action | Macro, why: str, reason: Reason = Reason.OTHER) -> 
     if why:
         name = name_of(record)
         raise MotionRefused(f"{name} was not run: {why.removeprefix(f'{name}, ')}", reason=reason)
+
+
+async def collect(get: Get, kind: RecordType[Any], record_id: int) -> Project:
+    """Read an action or a macro with all records run by it.
+
+    Raise NotFound if the board does not return one of them, MotionRefused if they are too many or nested too deep.
+    """
+    record = await get(kind, record_id)
+    found: dict[tuple[RecordType[Any], int], Any] = {(kind, record_id): record}
+    waiting = deque([(record, 0)])
+    while waiting:
+        caller, depth = waiting.popleft()
+        for called in RecordType.of(caller).references(caller):
+            if called in found:
+                continue
+            if depth == Macro.MAX_NESTING or len(found) == _MOST:
+                many = f"it runs {len(found):,} records, in macros up to {depth + 1} deep"
+                raise MotionRefused(
+                    f"{name_of(record)} was not run: {many}; at most {_MOST:,} and {Macro.MAX_NESTING} are read first"
+                )
+            try:
+                found[called] = await get(*called)
+            except NotFound as error:
+                missing = f"{name_of(caller)} runs {called[0]} {called[1]}, which could not be read"
+                raise NotFound(f"{name_of(record)} was not run: {missing}", error.request) from error
+            waiting.append((found[called], depth + 1))
+    return Project(
+        actions=tuple(one for one in found.values() if isinstance(one, Action)),
+        macros=tuple(one for one in found.values() if isinstance(one, Macro)),
+    )
+
+
+def check_can_wait(run: RecordRun, servos: Iterable[Servo]) -> None:
+    """Raise RequestRefused for an endless run, NotFound for a run of missing servos."""
+    name = name_of(run.record)
+    if why := next(uncheckable(run.stored), ""):
+        raise RequestRefused(f"{name} was not run, because its end could not be known: {why}")
+    present = {servo.servo_id for servo in servos}
+    if missing := sorted(servo_id for servo_id in run.last_pose() if servo_id not in present):
+        raise NotFound(f"{name} was not run: it moves servo {missing[0]}, which the board does not have")

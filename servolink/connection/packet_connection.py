@@ -25,6 +25,9 @@ class BoardSharing(Protocol):
     on_board: Callable[[bool], None]
     """Called with `has_lost_board` when the hub loses or finds the board."""
 
+    async def catch_up(self) -> None:
+        """Return when all is heard that the hub has told by now, such as a stop of another program."""
+
     async def stop(self) -> None:
         """Stop all servos; return when the hub has read all of them as stopped."""
 

@@ -1,6 +1,6 @@
 """Stored actions, macros and packets of one's own are kept within the limits of movements.
 
-Modules: servolink.client.collecting, servolink.client.raw_packets, servolink.client.stored_runs.
+Modules: servolink.client.stored_runs, servolink.client.raw_packets, servolink.client.stored_runs.
 """
 
 from __future__ import annotations
