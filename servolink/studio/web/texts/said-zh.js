@@ -15,16 +15,16 @@ const MESSAGES = {
   "the hub": ["hub", "hub"],
   "the hub, for raw angles": ["hub（原始角度）", "hub（原始角度）"],
   "the session has ended; connect again": ["会话已结束，请重新连接", "工作階段已結束，請重新連線"],
-  // servolink/hub/rules/hub_gates.py
+  // servolink/hub/engine/hub_gates.py
   "the servos of {name} are moved by {who}, which has had the lease for {time}: wait until it is free, or take it over with `servolink share --take {again}`": ["{name} 的舵机正由 {who} 控制（已 {time}）：请等待释放，或接管控制", "{name} 的舵機正由 {who} 操控（已 {time}）：請等對方交還控制權，或直接接手"],
   "the right to move the servos of {name} was taken from this program: `servolink share --give {again}` gives it back": ["此页面控制 {name} 舵机的权利已被收回，可用命令交还：servolink share --give {again}", "這個頁面操控 {name} 舵機的權利已被收回，可用指令交還：servolink share --give {again}"],
   "{packet} needs the role {needed}, and this program has the role {role}": ["{packet} 需要角色 {needed}，而此页面的角色是 {role}", "{packet} 需要角色 {needed}，而這個頁面的角色是 {role}"],
   "the time by which it was to begin has passed": ["已错过开始的时间", "已錯過應開始的時間"],
   "nothing was moved: {reason}": ["没有移动：{reason}", "沒有移動：{reason}"],
-  "{who} has exclusive use of the board": ["{who} 正在独占主板", "{who} 正在獨佔控制板"],
   "nothing was moved: {who} has taken exclusive use of the board": ["没有移动：{who} 正在独占主板", "沒有移動：{who} 正在獨佔控制板"],
-  // servolink/hub/methods/prepared.py
-  "nothing was moved: another program has exclusive use": ["没有移动：其他程序正在独占主板", "沒有移動：其他程式正在獨佔控制板"],
+  // servolink/hub/doors/direct.py
+  "{who} has exclusive use of the board": ["{who} 正在独占主板", "{who} 正在獨佔控制板"],
+  // servolink/hub/methods/motion_methods.py
   "nothing was moved: the board was stopped since this was prepared": ["没有移动：准备之后主板被停止了", "沒有移動：準備好之後控制板被停止了"],
   "nothing was moved: the board was connected again since this was prepared": ["没有移动：准备之后主板重新连接了", "沒有移動：準備好之後控制板重新連線了"],
   // servolink/hub/methods/stored.py
@@ -89,7 +89,7 @@ const MESSAGES = {
   "{name} is in exclusive use by {who} ({reason}); change the robot when that is done": ["{who} 正在独占 {name}（{reason}），完成后再更换机器人", "{who} 正在獨佔 {name}（{reason}），完成後再更換機器人"],
   // servolink/studio/studio_methods.py
   "the studio does not use this board any more": ["工作室已不再使用此主板", "studio 已不再使用這塊控制板"],
-  // servolink/control/scope.py
+  // servolink/control/rights.py
   "this page was opened through a link": ["此页面是通过链接打开的", "這個頁面是透過連結開啟的"],
   "use the page on the machine of the studio": ["请使用运行工作室的电脑上的页面", "請改用執行 studio 的電腦上的頁面"],
   // servolink/studio/limit_methods.py
@@ -197,7 +197,7 @@ const MESSAGES = {
   "the hub has sent it several times and got no response either: the board may not know it or what it asks about, or the line is bad": ["hub 多次发送也没有应答：主板可能不认识这个请求或其内容，或者线路不良", "hub 傳送多次也沒有回應：控制板可能不認得這個請求或其內容，或者線路不良"],
   // servolink/hub/hub.py
   "{url} refused to run what was prepared": ["{url} 拒绝运行已准备的内容", "{url} 拒絕執行已準備的內容"],
-  // servolink/hub/methods/streaming.py
+  // servolink/hub/methods/motion_methods.py
   "nothing was moved: this program has no stream {number}; begin one": ["没有移动：此页面的连续控制已结束，请重新开始", "沒有移動：這個頁面的連續操控已結束，請重新開始"],
   // servolink/hub/methods/feeds.py
   "{told}; trying again": ["{told}；正在重试", "{told}；正在重試"],
