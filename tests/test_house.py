@@ -23,8 +23,8 @@ PACKAGE = ROOT / "servolink"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 CEILINGS = {
-    "lines": 75_524,
-    "files": 459,
+    "lines": 75_522,
+    "files": 457,
     "names that cross rooms": 605,
     "own imports of a file, median": 5,
     "own imports of a file, 90 %": 13,

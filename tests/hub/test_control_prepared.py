@@ -1,6 +1,6 @@
 """Runs that are prepared first, and started when their moment has come.
 
-Module: servolink.hub.methods.prepared.
+Module: servolink.hub.methods.motion_methods.
 """
 
 from __future__ import annotations

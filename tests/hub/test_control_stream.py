@@ -1,6 +1,6 @@
 """Streams of set-points through a hub: on the control interface, and from a board on share://.
 
-Modules: servolink.control.tightening, servolink.hub.methods.streaming.
+Modules: servolink.control.tightening, servolink.hub.methods.motion_methods.
 """
 
 from __future__ import annotations

@@ -22,12 +22,12 @@ from servolink.control import (
 from servolink.hub.engine.hub_recorder import HubRecorder
 from servolink.hub.engine.stop_order import MotionsCancelled
 from servolink.hub.hub import Hub
-from servolink.hub.methods import prepared, question_methods, stored, streaming, tap_methods  # add their methods
+from servolink.hub.methods import motion_methods, question_methods, stored, tap_methods  # add their methods
 from servolink.hub.methods.context import Control, Readings
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed
 from servolink.hub.methods.methods import METHODS, Caller
 
-__all__ = ["METHODS", "ControlSession", "prepared", "question_methods", "stored", "streaming", "tap_methods"]
+__all__ = ["METHODS", "ControlSession", "motion_methods", "question_methods", "stored", "tap_methods"]
 
 
 class ControlInterface:
