@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import gc
+from functools import lru_cache
 from pathlib import Path
 
 
@@ -18,3 +19,9 @@ def tree_of(path: Path) -> ast.Module:
         return ast.parse(text)
     finally:
         gc.enable()
+
+
+@lru_cache(maxsize=1)
+def nodes_of(path: Path) -> tuple[ast.AST, ...]:
+    """Return the nodes of the syntax tree of a file; those of the latest file are kept for the next question."""
+    return tuple(ast.walk(tree_of(path)))

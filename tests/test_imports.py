@@ -6,6 +6,7 @@ import ast
 import json
 import re
 import sys
+from collections.abc import Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from importlib import import_module
@@ -17,7 +18,7 @@ import servolink
 from tests import processes
 from tests.extras import NEEDED, not_importable
 from tests.sampling import every, some
-from tests.syntax import tree_of
+from tests.syntax import nodes_of, tree_of
 
 PACKAGE = Path(__file__).parents[1] / "servolink"
 MODULES = {
@@ -47,6 +48,9 @@ INNER_DOORS = {"gateways"}
 """Rooms whose rooms have doors of their own: one for each protocol."""
 
 TESTS = Path(__file__).parent
+
+REPLACING = re.compile(r"\.(?:set|del)attr\(\s*[frb]*[\"']")
+"""Calls of `replaced_names`: only a file with one is searched for their names."""
 
 FLOORS = [
     set(re.findall(r"\w+", row))
@@ -92,7 +96,8 @@ LOOP_METHODS = {
 }
 """Methods that the event loop of Windows does not have; and one that fails in Pyodide for times that have passed."""
 SYSTEM_WORDS = re.compile(
-    rf"\b({'|'.join(SYSTEM_MODULES | LOOP_METHODS | {name.partition('.')[2] for name in SYSTEM_NAMES})})\b"
+    rf"\b({'|'.join(SYSTEM_MODULES | LOOP_METHODS | {name.partition('.')[2] for name in SYSTEM_NAMES} - {'name'})})\b"
+    r"|\bos\.name\b|\bfrom os import\b"
 )
 """Words of all of these: only a module with such a word is parsed."""
 SYSTEM_EXCEPTIONS = {
@@ -112,7 +117,7 @@ def part_of(module: str) -> str:
 def imported(path: Path) -> list[tuple[str, str]]:
     """Return module and name of each import in a file, including those inside functions."""
     found = []
-    for node in ast.walk(tree_of(path)):
+    for node in nodes_of(path):
         if isinstance(node, ast.Import):
             found += [(alias.name, "") for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -168,29 +173,29 @@ def doors_of(module: str) -> set[str]:
 def past_doors(path: Path, room: str) -> list[str]:
     """Return the imports of a file in `room` that go past the door of another room, or name what no door has."""
     found = []
-    for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.Import):
-            found += [each.name for each in node.names if each.name.count(".") > 1 and is_elsewhere(each.name, room)]
-        elif isinstance(node, ast.ImportFrom) and (source := node.module or "").startswith("servolink."):
-            if not is_elsewhere(source, room):
-                continue
-            if source not in doors_of(source):
-                found.append(source)
-            elif source in MODULES and source != "servolink.__main__":
-                public = vars(import_module(source)).get("__all__")
-                if public is not None:
-                    found += [f"{source}: {each.name}" for each in node.names if each.name not in public]
-        elif isinstance(node, ast.Call):
-            found += [name for name in replaced_names(node) if is_elsewhere(name, room) and not is_in_door(name)]
+    for source, name in imported(path):
+        if not source.startswith("servolink.") or not is_elsewhere(source, room):
+            continue
+        if not name:
+            found += [source] if source.count(".") > 1 else []
+        elif source not in doors_of(source):
+            found.append(source)
+        elif source in MODULES and source != "servolink.__main__":
+            public = vars(import_module(source)).get("__all__")
+            if public is not None and name not in public:
+                found.append(f"{source}: {name}")
+    found += [name for name in replaced_names(path) if is_elsewhere(name, room) and not is_in_door(name)]
     return [f"{path.relative_to(PACKAGE.parent)}: {each}" for each in found]
 
 
-def replaced_names(call: ast.Call) -> list[str]:
-    """Return the name that a call such as `monkeypatch.setattr("servolink.room.name", ...)` replaces."""
-    match call:
-        case ast.Call(func=ast.Attribute(attr="setattr" | "delattr"), args=[ast.Constant(value=str(name)), *_]):
-            return [name]
-    return []
+def replaced_names(path: Path) -> Iterator[str]:
+    """Yield the names that calls in a file such as `monkeypatch.setattr("servolink.room.name", ...)` replace."""
+    if not REPLACING.search(path.read_text(encoding="utf-8")):
+        return
+    for node in nodes_of(path):
+        match node:
+            case ast.Call(func=ast.Attribute(attr="setattr" | "delattr"), args=[ast.Constant(value=str(name)), *_]):
+                yield name
 
 
 def is_in_door(name: str) -> bool:
@@ -249,7 +254,7 @@ def system_dependent(module: str) -> set[str]:
         return set()
     found = {source.partition(".")[0] for source, _ in imported(MODULES[module])} & SYSTEM_MODULES
     found |= {f"{source}.{name}" for source, name in imported(MODULES[module])} & SYSTEM_NAMES
-    for node in ast.walk(tree_of(MODULES[module])):
+    for node in nodes_of(MODULES[module]):
         if isinstance(node, ast.Attribute):
             found |= {ast.unparse(node)} & SYSTEM_NAMES | {node.attr} & LOOP_METHODS
     return found
