@@ -80,7 +80,6 @@ class ProfileFile:
         path = self.path
         text = _changed(path, self.name, profile)
         try:
-            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             write_atomically(path, text.encode(), private=True)
             path.chmod(0o600)  # an editor may have made the file readable for others
         except OSError as error:

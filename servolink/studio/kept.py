@@ -34,7 +34,6 @@ def write_kept(kind: str, board: str, value: Any) -> None:
         if value is None:
             path.unlink(missing_ok=True)
             return
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         write_atomically(path, json.dumps(value).encode(), private=True)
     except OSError as error:
         raise ProjectError(f"the {kind} of a board cannot be kept: {reason(error)}") from error

@@ -171,7 +171,6 @@ def keep_port(board: str, port: int) -> None:
     """Store the port for the next studio. No effect if writing fails."""
     with suppress(OSError):
         path = _port_file(board)
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         ports = [port, *(one for one in last_ports(board) if one != port)][:_MOST_PORTS]
         write_atomically(path, f"{' '.join(map(str, ports))}\n".encode(), private=True)
 

@@ -72,7 +72,13 @@ def open_file(path: Path, *, writable: bool = False) -> FileIO:
 
 
 def write_atomically(path: Path, content: bytes, *, private: bool = False) -> None:
-    """Replace the content of `path` as `atomic_file` does. Raise OSError for a failure."""
+    """Replace the content of `path` as `atomic_file` does. Raise OSError for a failure.
+
+    With `private`, missing folders are made, for their owner only.
+    """
+    for folder in reversed((path.parent, *path.parent.parents) if private else ()):
+        if not folder.exists():
+            folder.mkdir(mode=0o700, exist_ok=True)
     with atomic_file(path, private=private) as file:
         file.write(content)
 
@@ -116,6 +122,8 @@ def reason(error: Exception) -> str:
     """Return the text of an error of this module; of an error of the system, without number and path."""
     if isinstance(error, UnicodeDecodeError):
         return f"is not text in UTF-8 (byte {error.start}); save the file as UTF-8"
+    if isinstance(error, NotADirectoryError):
+        return "a file stands where this path needs a folder; set HOME, or the path, to a folder"
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 

@@ -263,8 +263,10 @@ def test_a_recording_is_shown_and_written_with_all_channels(tmp_path: Path) -> N
 def test_a_recording_is_converted_with_the_same_channels(
     tmp_path: Path, figure: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    state = RecordedServo(1, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
-    recording = write(tmp_path / "in.mcap", [(0.0, ServosRead((state,))), (1.0, Event("mark", "mark", text="here"))])
+    state = RecordedServo(1, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True, caption="hip\udce5")
+    recording = write(
+        tmp_path / "in.mcap", [(0.0, ServosRead((state,))), (1.0, Event("mark", "mark", text="no\udce6"))]
+    )
     words = ("convert", str(recording), "--foxglove", *(("--project", str(DEMO)) if figure else ()))
     out = tmp_path / "in.foxglove.mcap"
     assert call(capsys, *words).out == f"{out}  2 messages\n"

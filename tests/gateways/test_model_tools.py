@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from servolink.protocol import Action, Step
+from servolink.protocol import Action, ServoParameter, Step
 from tests.cli.programs import call, environment, finished, started
 from tests.extras import hide
 from tests.gateways.robots import GUARD, RobotSeen, page_that_answers, shared_robot, supervised_robot
@@ -119,6 +119,25 @@ def test_hidden_characters_of_a_board_are_visible_to_a_model() -> None:
                     assert "\u202e" in json.dumps(json.loads(text), ensure_ascii=False)
             _, text = await said(client, "check_run", kind="macro", name="\u202e")
             assert "\u202e" not in text
+
+    asyncio.run(main())
+
+
+def test_a_caption_that_is_no_text_reaches_a_model() -> None:
+    async def main() -> None:
+        async with model(may_move=False, project=DEMO) as (robot, client):
+            await robot.board.add_action(Action(3, "no\udce6", (Step(1, 1, 10),)))
+            await robot.board.add_servo_parameters([ServoParameter(1, 0, "hip\udce5")])
+            for tool, arguments in (
+                ("servos", {}),
+                ("records", {}),
+                ("record", {"kind": "action", "name": 3}),
+                ("check_run", {"kind": "action", "name": 3}),
+                ("plan", {}),
+            ):
+                failed, text = await said(client, tool, **arguments)
+                assert not failed, text
+                text.encode("utf-8")
 
     asyncio.run(main())
 

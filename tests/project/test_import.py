@@ -69,7 +69,7 @@ def test_what_is_there_already_is_not_written_again(tmp_path: Path) -> None:
         for _, packet in fake.sent
         if isinstance(packet, (WriteProjectIDRequest, AddActionRequest, ClearAllDataRequest))
     ]
-    assert not list(tmp_path.iterdir())
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_only_what_differs_is_written(tmp_path: Path) -> None:

@@ -52,6 +52,25 @@ def test_no_backup_must_be_asked_for_where_none_can_be_made(tmp_path: Path) -> N
     assert same(on_fake(work).storage.contents, NEW_CONTENTS)
 
 
+@pytest.mark.parametrize("phase", ["reading", "saving"])
+def test_an_import_that_ends_before_its_backup_leaves_nothing_to_undo(phase: str, tmp_path: Path) -> None:
+    def lost(progress: Progress) -> None:
+        if progress.phase == phase:
+            raise ConnectionLost("gone")
+
+    async def work(board: Board) -> None:
+        await board.apply_project(NEW, folder=tmp_path)
+        with pytest.raises(ConnectionLost):
+            await board.apply_project(OTHER, folder=tmp_path, on_progress=lost)
+        with pytest.raises(ProjectError, match="ended before its backup was made"):
+            await board.rollback_project(folder=tmp_path)
+        assert await board.export_project() == NEW
+        assert (await board.apply_project(OTHER, folder=tmp_path)).changed
+        await board.rollback_project(folder=tmp_path)
+
+    assert same(on_board(work, OLD_CONTENTS), NEW_CONTENTS)
+
+
 def lost_before_marking(progress: Progress) -> None:
     """Lose the board just before it is changed."""
     if progress.phase == "marking":

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from servolink.support.files import MIB, read_file, write_atomically
+from servolink.support.files import MIB, read_file, reason, write_atomically
 
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="permissions and links of POSIX")
 
@@ -228,3 +228,21 @@ def test_files_without_a_size_are_read_up_to_the_limit() -> None:
     assert read_file(Path("/proc/self/status"), MIB).startswith(b"Name:")
     with pytest.raises(OSError, match="is larger than 10 bytes"):
         read_file(Path("/proc/self/status"), 10)
+
+
+@POSIX
+def test_missing_folders_of_private_files_are_private_whatever_the_umask(tmp_path: Path) -> None:
+    before = os.umask(0)
+    try:
+        write_atomically(tmp_path / "servolink" / "imports" / "note", b"", private=True)
+    finally:
+        os.umask(before)
+    made = {path.name: stat.S_IMODE(path.stat().st_mode) for path in tmp_path.rglob("*")}
+    assert made == {"servolink": 0o700, "imports": 0o700, "note": 0o600}
+
+
+def test_a_file_in_place_of_a_folder_is_named_with_the_remedy(tmp_path: Path) -> None:
+    (tmp_path / "home").touch()
+    with pytest.raises(OSError, match="home") as failed:
+        write_atomically(tmp_path / "home" / ".config" / "file", b"", private=True)
+    assert "a file stands where this path needs a folder; set HOME" in reason(failed.value)

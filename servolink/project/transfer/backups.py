@@ -8,7 +8,7 @@ import json
 import logging
 import re
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from secrets import choice
@@ -120,9 +120,12 @@ class BackupStore:
         return self._begun(url).exists()
 
     def end_beginning(self, url: str) -> None:
-        """Forget the note of `begin`: the import has a journal, or nothing to change."""
-        with suppress(OSError):
-            self._begun(url).unlink()
+        """Forget the note of `begin`: the import has a journal, or nothing to change.
+
+        Raise ProjectError for a note that stays: a rollback would find an import without a backup.
+        """
+        with self._creating(IMPORTS, "the note of an import"):
+            self._begun(url).unlink(missing_ok=True)
 
     def _begun(self, url: str) -> Path:
         return self.folder / IMPORTS / f"begun-{_slug(url)}"
@@ -203,7 +206,6 @@ class BackupStore:
         """
         folder = self.folder / name
         try:
-            folder.mkdir(parents=True, exist_ok=True)
             yield folder
         except ProjectError:
             raise

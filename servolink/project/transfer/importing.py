@@ -54,6 +54,8 @@ async def apply_project(
     board refuses a part. After any error from `marking` on, and after a cancellation, the next call continues the
     import.
     """
+    if restores is None:  # from now on, a rollback undoes this import or nothing
+        await asyncio.to_thread(store.begin, board.url)
     await check_writable(board, project, unchecked=unchecked)
     project = board.holdable(project)
     before = await read_project_id(board)
