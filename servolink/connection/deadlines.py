@@ -40,6 +40,7 @@ _MOST_LOOKS = 100
 _MOST_BYTES = 1024 * 1024  # more than the system buffers
 _FREE_SENDINGS = 24  # queries of an opening that follow each other without a pause
 _LEAST_TRIPS = FIRST_LENGTH // 2
+_LEAST_BEHIND = 2  # responses behind the next query
 _SILENT_SENDINGS = 5  # after fewer, a board without a response may only be slow
 
 
@@ -219,6 +220,32 @@ class Silence:
         return 0.0 if self.since is None or self.sendings < _SILENT_SENDINGS else now - self.since
 
 
+class HeldResponses:
+    """Order of queries and responses of an opening: whether each response is held until the next query comes."""
+
+    def __init__(self) -> None:
+        """Start without queries."""
+        self._before: object = None
+        self._latest: object = None
+        self._behind = 0  # responses to the query before the latest
+        self._is_prompt = False  # whether a response came before the next query
+
+    def sent(self, query: object) -> None:
+        """Take a query into account."""
+        self._before, self._latest = self._latest, query
+
+    def heard(self, query: object) -> None:
+        """Take the response to `query` into account; to the first query and equal ones in a row it says nothing."""
+        if self._before not in {None, self._latest}:
+            self._is_prompt |= query == self._latest
+            self._behind += query == self._before
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether responses came behind the next query, and never before it."""
+        return not self._is_prompt and self._behind >= _LEAST_BEHIND
+
+
 class QueryPace:
     """When the queries of an opening are sent, by the responses so far."""
 
@@ -236,6 +263,7 @@ class QueryPace:
         self._patience = patience
         self._first_sent_at: dict[object, float] = {}  # by query: first sending since the latest response
         self._trips: list[float] = []  # seconds to the responses of queries sent once
+        self.held = HeldResponses()
 
     def begin(self, query: object) -> None:
         """Take the time of a query from its next sending: it is sent for the first time."""
@@ -245,11 +273,13 @@ class QueryPace:
     def sent(self, query: object, now: float, count: int) -> None:
         """Take a sending into account, the `count`-th of all. Many of them are sent with pauses."""
         self._first_sent_at.setdefault(query, now)
+        self.held.sent(query)
         if count >= _FREE_SENDINGS:
             self.ready_at = now + QUERY_PAUSE
 
     def heard(self, query: object, packet_id: int, now: float) -> None:
         """Take the response to a query into account, by the id of the response."""
+        self.held.heard(query)
         if (sent_at := self._first_sent_at.pop(query, None)) is not None:
             self.round_trip = now - sent_at
             if query == self.timed:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from servolink.connection.line_marks import (
     LONG_PAUSE,
@@ -52,6 +53,9 @@ class LineEvidence(Struct, frozen=True):
     """First bytes that came from the line."""
     pause: float = 0.0
     """Longest pause in seconds inside a frame."""
+
+    is_held: bool = False
+    """Whether each response comes only behind the next query."""
 
     @property
     def mark(self) -> Mark | None:
@@ -123,6 +127,11 @@ class LineEvidence(Struct, frozen=True):
                 f"sends each response in parts, with a pause of {self.pause:.1f} s inside a frame ({effort}): a "
                 "bridge, adapter or the firmware holds bytes back; set it to send at once what it receives"
             )
+        if self.is_held:
+            return (
+                f"answers each query only when the next one is sent ({effort}): an adapter, a bridge or the firmware "
+                "holds each response back; set it to send at once what it receives"
+            )
         if not self.answered:
             return (
                 f"answers the transmission mode setting or sends button events, but answers none of the short queries "
@@ -157,11 +166,12 @@ class ReceivedBytes:
         self._count += len(chunk)
         self._first += chunk[: _MOST_KEPT - len(self._first)]
 
-    def evidence(self, byte_order: ByteOrder, *, sent: int, answered: int) -> LineEvidence:
+    def evidence(self, byte_order: ByteOrder, *, sent: int, answered: int, is_held: bool) -> LineEvidence:
         """Return the findings, after `sent` queries with `answered` responses."""
-        return evidence_in(
+        found = evidence_in(
             bytes(self._first), byte_order, received=self._count, sent=sent, answered=answered, pause=self._pause
         )
+        return replace(found, is_held=is_held)
 
 
 class HandshakeFailed(OpenError):

@@ -181,6 +181,8 @@ class Opening:
                 await self._wait_for_pause(self._life.begun_at, self._life.begun_at + LONGEST_DELAY)
                 self.queries.answered.clear()
             await self._open()
+            if self._is_first and self.pace.held.is_sure:
+                raise self._failure()
             if self._is_suspicious:
                 await self._compare(FENCES if self.queries.differ or not self._is_first else ())
                 await self._open()  # once more, after a stop meanwhile
@@ -357,7 +359,8 @@ class Opening:
 
     def _evidence(self) -> LineEvidence:
         sent, answered = self.queries.sent.total(), self.queries.answered.total()
-        return self._received.evidence(self._core.codec.byte_order, sent=sent, answered=answered)
+        order, is_held = self._core.codec.byte_order, self.pace.held.is_sure
+        return self._received.evidence(order, sent=sent, answered=answered, is_held=is_held)
 
     def _failure(self) -> HandshakeFailed:
         """Return the error of a board that is silent or answers too little, with what was received meanwhile."""

@@ -42,6 +42,7 @@ _OF_A_DEVICE: tuple[Callable[[SystemFacts, str], Iterator[Finding]], ...] = (
 )
 
 
+_IDLE = 1.0  # seconds without a request, after which a connection that ends was idle
 _LEARNT = ("byte_order", "unsupported", "answers_twice", "late_copies", "ignore_extra")
 """Settings of a profile that an opening needs."""
 
@@ -177,9 +178,11 @@ async def _query(
         transport.settings = BoardSettings(ignore_extra=ignore_extra)
         await _converse(report, transport, connection)
     except (TransportError, RequestTimeout) as error:
-        report.findings.append(
-            Finding("connection", str(error), "the board answered before", "check cable, plugs and power")
-        )
+        meaning, remedy = "the board answered before", "check cable, plugs and power"
+        if transport.idle > _IDLE:
+            meaning = "a serial server, bridge or adapter ends connections that are idle"
+            remedy = "switch off its idle timeout, or have programs connect again: reconnect=True"
+        report.findings.append(Finding("connection", str(error), meaning, remedy))
     finally:
         await connection.close()
         await transport.free()
@@ -264,12 +267,12 @@ def _no_contact(url: str, error: HandshakeFailed) -> Finding:
     if evidence.pause:
         return _paused(observation)
     if evidence.is_board:
-        return Finding(
-            "opening",
-            observation,
-            "it is a board, but too few of its responses arrive",
-            "stop macros and motions of the board\nswitch it off and on, and try again\ncheck cable and power",
-        )
+        meaning = "it is a board, but too few of its responses arrive"
+        remedy = "stop macros and motions of the board\nswitch it off and on, and try again\ncheck cable and power"
+        if evidence.is_held:
+            meaning = "an adapter, a bridge or the firmware holds each response back until more is sent"
+            remedy = "set it to send at once what it receives"
+        return Finding("responses" if evidence.is_held else "opening", observation, meaning, remedy)
     if evidence.echoes:
         return Finding("echo", observation, "the device returns what it receives", f"try another port\n{try_all}")
     if evidence.received:

@@ -77,6 +77,8 @@ class SharedTransport:
         self._receiver: Receiver | None = None
         self._is_open = False
         self._lost: ConnectionLost | None = None
+        self.idle = 0.0
+        """Seconds from the latest request to the end of the connection; 0 while it is open."""
         self.settings = BoardSettings()
         """Settings without which the board cannot be used, as far as they are known."""
         self.record = LineRecord()
@@ -92,7 +94,8 @@ class SharedTransport:
         if self._receiver is not None:
             raise OpenError(f"{self.url}: in use by another part of servolink", reason=Reason.IN_USE)
         if self._lost is not None:
-            raise OpenError(f"{self.url}: lost before: {self._lost}") from self._lost
+            text = f"{self.url}: ended {self.idle:.1f} s after the latest request: {self._lost}"
+            raise OpenError(text) from self._lost
         self._receiver = receiver
         if not self._is_open:
             try:
@@ -126,6 +129,7 @@ class SharedTransport:
 
     def lost(self, error: Exception | None, /) -> None:
         """Pass on the end of the transport."""
+        self.idle = asyncio.get_running_loop().time() - self.record.sent_at
         self._lost = error if isinstance(error, ConnectionLost) else ConnectionLost(f"{self.url}: closed")
         receiver, self._receiver = self._receiver, None
         if receiver is not None:

@@ -123,7 +123,7 @@ def reason(error: Exception) -> str:
     if isinstance(error, UnicodeDecodeError):
         return f"is not text in UTF-8 (byte {error.start}); save the file as UTF-8"
     if isinstance(error, NotADirectoryError):
-        return "a file stands where this path needs a folder; set HOME, or the path, to a folder"
+        return f"{error.strerror}: a file stands where a folder is needed; set HOME, or the path, to a folder"
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 

@@ -194,14 +194,14 @@ def test_a_journal_that_cannot_be_deleted_is_a_warning(
 def test_a_folder_that_cannot_be_read_is_an_error_and_not_empty(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text("in the way")
     store = BackupStore(tmp_path)
-    with pytest.raises(ProjectError, match=f"{name} cannot be read: [A-Z][a-z ]+$"):
+    with pytest.raises(ProjectError, match=f"{name} cannot be read: [A-Z][a-z ]+: a file stands"):
         _ = store.backups() if name == "backups" else store.journals(0)
 
 
 @pytest.mark.parametrize("folder", [Path("no\0folder"), Path(os.devnull) / "folder"])
 def test_a_folder_that_cannot_be_is_an_error(folder: Path) -> None:
     store = BackupStore(folder)
-    with pytest.raises(ProjectError, match="the backup cannot be written"):
+    with pytest.raises(ProjectError, match=r"the backup cannot be written|backups cannot be read"):
         store.keep(Project(), URL, "utf-8")
     with pytest.raises(ProjectError, match="the journal of the import cannot be written"):
         store.write(JOURNAL)

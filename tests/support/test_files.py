@@ -245,4 +245,4 @@ def test_a_file_in_place_of_a_folder_is_named_with_the_remedy(tmp_path: Path) ->
     (tmp_path / "home").touch()
     with pytest.raises(OSError, match="home") as failed:
         write_atomically(tmp_path / "home" / ".config" / "file", b"", private=True)
-    assert "a file stands where this path needs a folder; set HOME" in reason(failed.value)
+    assert "Not a directory: a file stands where a folder is needed; set HOME" in reason(failed.value)

@@ -33,7 +33,7 @@ class Row(NamedTuple):
     said: str = ""
     """Words in the findings of doctor."""
     by_chance: frozenset[str] = frozenset()
-    """Further commands that refuse when the random bytes of this run, such as those of a project id, are damaged."""
+    """Further commands that refuse, and settings that stay open, where the bytes of this run happen to be damaged."""
 
 
 def all_refuse(words: str) -> dict[str, str]:
@@ -42,7 +42,7 @@ def all_refuse(words: str) -> dict[str, str]:
 
 
 _WITHOUT_PROJECT_ID = "QueryProjectIDRequest() was not answered"
-_TOO_LITTLE = "answers, but too little to be sure"
+_HELD = "answers each query only when the next one is sent"
 _NOT_FOUND = "does not answer in either byte order or transmission mode"
 _SENDS_TEXT = "sends text"
 _RETURNS = "returns the requests that are sent to it"
@@ -163,12 +163,13 @@ TABLE: dict[str, Row] = {
     ),
     "text-bridge": Row(
         ("text bridge",),
-        {"caption_encoding": None, "unknown_ids": None},
-        {"servos": _ANGLE_UNIT, "export": _DAMAGED, "move": _ANGLE_UNIT, "stop": _UNCONFIRMED},
+        {"unsupported": None},
+        {"servos": _ANGLE_UNIT, "export": _DAMAGED, "move": _ANGLE_UNIT, "stop": "they cannot be shown"},
         said="ef bf bd",
+        by_chance=frozenset({"info", "apply", "rollback", "caption_encoding", "unknown_ids", "depth"}),
     ),
     "held-packets": Row(("responses",)),
-    "one-behind": Row(("responses",), _TOO_LITTLE, all_refuse(_TOO_LITTLE) | {"stop": _UNCONFIRMED}),
+    "one-behind": Row(("responses",), _HELD, all_refuse(_HELD)),
     "short-packets": Row(
         ("responses",),
         {"caption_encoding": None, "unknown_ids": None},
@@ -181,7 +182,7 @@ TABLE: dict[str, Row] = {
     "servo-bus": Row(("no response",), _NOT_FOUND, all_refuse("ff ff 01 02 00 fc"), said="ff ff 01 02 00 fc"),
     "overheard": Row(("unasked",), {"depth": 2}, said="another program"),
     "leftovers": Row(),
-    "hanging-up": Row(("connection",), "the connection was lost"),
+    "hanging-up": Row(("connection",), "s after the latest request", said="connections that are idle"),
     "dozing": Row(("transmission mode",), {"transmission_mode": 1}),
     "brown-out": Row((), {}, {"move": "servo 1 is at 0, not at 10"}),
     "short-buffer": Row((), {}, {"apply": _NOT_APPLIED}),
@@ -189,7 +190,7 @@ TABLE: dict[str, Row] = {
     "hangul": Row((), {"caption_encoding": "euc_kr"}),
     "cut-captions": Row(),
     "mixed-order": Row(
-        ("contradiction",),
+        ("contradiction", *["impossible values"] * 3),
         {"caption_encoding": None, "unknown_ids": None},
         {"servos": "take", "info": "take", "export": "take", "move": "fits only the other byte order"},
         said="byte order",
@@ -220,6 +221,3 @@ TABLE: dict[str, Row] = {
     "silent-write": Row((), {}, {"apply": _NOT_APPLIED}),
     "renumbering": Row((), {}, {"apply": "action 9 (stored under another id, as action 3)"}),
 }
-
-NOT_YET = {"text-bridge", "one-behind"}
-"""Kinds of which another thing is said today than their rows say."""

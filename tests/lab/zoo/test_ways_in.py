@@ -26,8 +26,8 @@ from tests.sampling import sampled
 
 ALWAYS = {"big-old", "old-at-opening", "twice", "padded", "no-project-id", "servos-only", "resetting", "loop-back"}
 """Kinds that are tried in every run, beside others."""
-NOT_YET = {"text-bridge", "one-behind", "hanging-up", "sleeper"}
-"""Kinds that some of the ways open, and others do not."""
+BY_CHANCE = {"text-bridge"}
+"""Kinds that are opened, or not, by the bytes that happen to be damaged."""
 
 
 class Port(BoardTransport[OddBoard]):
@@ -92,15 +92,13 @@ async def by_spy(board: OddBoard) -> bool:
     return False
 
 
-@pytest.mark.parametrize("kind", sampled(TABLE, 3, ALWAYS))
-def test_what_one_of_the_ways_opens_all_open(kind: str, zoo: MakeZoo, request: pytest.FixtureRequest) -> None:
-    if kind in NOT_YET:
-        request.applymarker(
-            pytest.mark.xfail(strict=kind != "one-behind", reason="opened in some ways only, one of them by chance")
-        )
-    board = zoo(kind)
+@pytest.mark.parametrize("kind", sampled([kind for kind in TABLE if kind not in BY_CHANCE], 3, ALWAYS))
+def test_what_one_of_the_ways_opens_all_open(kind: str, zoo: MakeZoo) -> None:
+    board, row = zoo(kind), TABLE[kind]
+    learnt = board.learn()
     ways = {
-        "learn": board.learn().code == 0,
+        # A board that is opened and then not measured, as during a pause, is refused with that reason.
+        "learn": learnt.code == 0 or (isinstance(row.learnt, str) and not row.refused and row.learnt in learnt.err),
         "connect": board.clock.run(_is_opened("rex")),
         "hub": board.clock.run(by_hub()),
         "spy": board.clock.run(by_spy(board.board)),
