@@ -69,9 +69,9 @@ LATE = {
 }
 """Imports within functions: how many of a file, and what makes them late: an extra, a driver, a command or a system."""
 
-WAYS = {"hub move": 47, "fleet move": 67, "CLI move": 74, "CLI apply": 84}
+WAYS = {"hub move": 47, "fleet move": 70, "CLI move": 74, "CLI apply": 84}
 """Files of the package that each way crosses, as `python -m benchmarks.walk` counts them."""
-TOLERANCE = 2
+TOLERANCE = 2  # also for the telemetry of a fleet, which may come into a walk: it has six files more
 
 SMALL = 40  # lines of a file whose imports say nothing
 
