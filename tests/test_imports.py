@@ -331,7 +331,7 @@ def test_modules_that_need_extras_exist() -> None:
     assert NEEDED.keys() <= MODULES.keys()
 
 
-@every(25)
+@every(50)
 def test_every_module_can_be_imported_first(step: int) -> None:
     left_out = not_importable()
     modules = [module for module in MODULES if "." in module and not module.endswith("__main__")]
