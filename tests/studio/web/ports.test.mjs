@@ -152,6 +152,16 @@ test("a worker that ends is followed by a stop, and the port is closed", async (
   assert.deepEqual([device.taken, device.isClosed], [["a", STOP], true]);
 });
 
+test("a port is released without a stop, unless the page has moved its board", async () => {
+  send("query");
+  ports.release();
+  assert.deepEqual(device.taken, ["query"]);
+  await opened();
+  move("a");
+  ports.release();
+  assert.deepEqual(device.taken, ["a", STOP]);
+});
+
 test("a device that is unplugged is told once, when reading or writing fails", async () => {
   device.give(null);
   await turn();

@@ -55,6 +55,12 @@ export class Ports {
     for (const number of [...this._open.keys()]) this._end(number);
   }
 
+  /** Close the ports, whose boards the studio has left; a board that the page has moved is stopped once more. */
+  release() {
+    for (const port of this._open.values()) if (port.hasMoved) port.stop(++this._epoch);
+    for (const number of [...this._open.keys()]) this._end(number);
+  }
+
   /** @param {number} number @param {Options} options */
   async _begin(number, options) {
     const port = new Port((kind, text = "") => this._post(kind, number, text));
@@ -130,6 +136,8 @@ class Port {
     this._waiting = [];
     /** Unwritten rest of the frame being written. @type {Uint8Array | null} */
     this._rest = null;
+    /** Whether a frame was sent that may move servos. */
+    this.hasMoved = false;
     this._sent = 0;
     this._isWriting = false;
     this._least = 0; // oldest epoch whose motions are sent
@@ -151,6 +159,7 @@ class Port {
   /** @param {Frame} frame */
   send(frame) {
     if (frame.moves && frame.epoch < this._least) return this._count(frame.data.length);
+    this.hasMoved ||= frame.moves;
     if (isSame(frame.data, this.stopFrame)) {
       this._dropMotions();
       this._waiting.unshift(frame);

@@ -17,6 +17,9 @@ const ports = new Ports((kind, number, text) => worker?.postMessage([kind, numbe
 /** Stop all servos of boards at the ports of this page at once, whatever the worker is doing. */
 export const stopPorts = () => ports.stop();
 
+/** Close the ports ahead of a load of the page with another board, which need not be stopped for that. */
+export const releasePorts = () => ports.release();
+
 /** List the ports granted to this page for the worker. */
 export async function tellPorts() {
   const found = [...(await grantedPorts())].map(([url, { product }]) => ({ url, product }));

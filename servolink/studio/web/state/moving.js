@@ -1,6 +1,7 @@
 // Change to another board: the page begins anew, because all that it knows belongs to the board before.
 
 import { effect } from "../html.js";
+import { releasePorts } from "../link/worker-line.js";
 import { safeText } from "../parts/safe-text.js";
 import { t } from "../texts/text.js";
 import { keepAddress } from "./connecting.js";
@@ -24,6 +25,7 @@ export function followMoves(link) {
   link.onMoved = (left, next, url) => {
     keepTaught(left, next);
     keepAddress(url);
+    releasePorts();
     location.reload();
   };
   effect(() => void (welcome.value && say(welcome.value.name)));
