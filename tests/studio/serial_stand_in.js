@@ -28,8 +28,8 @@
         start: (controller) => (this.sink = controller),
         write: async (data) => {
           if (!(data instanceof Uint8Array)) throw new TypeError("Not bytes.");
-          await new Promise((resolve) => setTimeout(resolve, data.length / bytesPerMillisecond));
           line.send(data);
+          await new Promise((resolve) => setTimeout(resolve, data.length / bytesPerMillisecond));
         },
       });
       line.onmessage = ({ data }) => this.source.enqueue(new Uint8Array(data));

@@ -24,6 +24,13 @@ START = 240_000  # milliseconds for Python to start in the page, on the slowest 
 STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
 MOVE = ExecuteActionRequest((Step(1, 60, 100),))
 SOON = 0.1  # seconds
+SOON_ON_BUSY = 1.0  # seconds, with the way of the test to the browser
+# A busy machine may keep a page from its beats for a while; that the robot is stopped then is a test of its own.
+PATIENT = """Worker.prototype.postMessage = (original => function (message, ...more) {
+  const text = Array.isArray(message) ? message[2] : "";
+  if (typeof text === "string") message[2] = text.replace('"dead_man":0.35', '"dead_man":30');
+  return original.call(this, message, ...more);
+})(Worker.prototype.postMessage)"""
 
 
 @pytest.fixture
@@ -46,6 +53,7 @@ def page(server: PageServer, browser: Any) -> Any:
 def opened(context: Any, url: str) -> Any:
     page = context.new_page()
     page.add_init_script(SERIAL)
+    page.add_init_script(PATIENT)
     page.on("pageerror", lambda error: pytest.fail(str(error)))
     page.goto(f"{url}#board")
     expect(page.get_by_text("VIRTUAL BOARD")).to_be_visible(timeout=START)
@@ -69,6 +77,10 @@ def wait_for_stop(server: PageServer, since: float) -> float:
     raise AssertionError("no stop was sent")
 
 
+def studio_worker(page: Any) -> Any:
+    return next(one for one in page.workers if "studio-worker" in one.url)
+
+
 def test_a_robot_is_connected_moved_unplugged_and_comes_back(page: Any, server: PageServer) -> None:
     page.get_by_role("link", name="Live").click()
     page.get_by_role("button", name="Robot", exact=True).click()
@@ -84,11 +96,59 @@ def test_a_robot_is_connected_moved_unplugged_and_comes_back(page: Any, server: 
     expect(page.get_by_text("The board is gone.")).to_have_count(0, timeout=START)
 
 
+# Chromium freezes no page that is on the screen, and hides none without a screen: the events are those of a real one.
+ENDS = {
+    "hidden": """() => {
+        Object.defineProperty(document, "hidden", { get: () => true, configurable: true });
+        document.dispatchEvent(new Event("visibilitychange"));
+        delete document.hidden;
+    }""",
+    "frozen": "() => void document.dispatchEvent(new Event('freeze'))",
+    "left": "() => void window.dispatchEvent(new Event('pagehide'))",
+}
+
+
+@pytest.mark.parametrize("how", ENDS)
+def test_a_page_that_nobody_looks_at_stops_the_robot(how: str, page: Any, server: PageServer) -> None:
+    began = time.time()
+    page.evaluate(ENDS[how])
+    assert wait_for_stop(server, began) - began < SOON_ON_BUSY
+    expect(page.get_by_text("The robot is stopped.")).to_be_visible(timeout=START)
+
+
+def test_a_dead_worker_stops_the_robot_and_another_one_goes_on(server: PageServer, browser: Any) -> None:
+    page = browser.new_page()
+    page.add_init_script(SERIAL)
+    page.goto(f"{server.url}#board")
+    connect(page)
+    began = time.time()
+    studio_worker(page).evaluate("() => void setTimeout(() => { throw new Error('out of memory'); })")
+    stopped = wait_for_stop(server, began)
+    assert stopped - began < SOON_ON_BUSY
+    while len(server.packets(stopped)) < 2:  # the stop, and queries of the new worker
+        page.wait_for_timeout(100)
+    expect(page.get_by_text("webserial://1a86:7523").first).to_be_visible(timeout=START)
+
+
+def test_a_second_tab_says_that_another_one_has_the_robot(page: Any, server: PageServer) -> None:
+    other = opened(page.context, server.url)
+    other.get_by_role("button", name="Connect my robot").click(timeout=START)
+    expect(other.get_by_text("another tab of this browser has the robot")).to_be_visible(timeout=START)
+    expect(other.get_by_text("VIRTUAL BOARD")).to_be_visible()
+
+
+def test_a_browser_without_ports_is_told_which_has_them(server: PageServer, browser: Any) -> None:
+    page = browser.new_page()
+    page.add_init_script("for (const name of ['serial', 'usb', 'hid']) delete Navigator.prototype[name];")
+    page.goto(f"{server.url}#board")
+    expect(page.get_by_text("This browser cannot reach a robot.")).to_be_visible(timeout=START)
+    expect(page.get_by_text("VIRTUAL BOARD")).to_be_visible()
+
+
 def test_a_stop_does_not_wait_for_a_worker_that_is_busy(page: Any, server: PageServer) -> None:
     expect(page.locator("button.stop").first).to_be_visible()
     move = Codec().encode(MOVE).decode("latin-1")
-    worker = next(one for one in page.workers if "studio-worker" in one.url)
-    worker.evaluate(
+    studio_worker(page).evaluate(
         """frame => void setTimeout(() => {
         for (let count = 0; count < 100; count++) postMessage(["port.frame", 1, "0! " + frame]);
         const end = performance.now() + 5000;
@@ -109,3 +169,5 @@ def test_a_stop_does_not_wait_for_a_worker_that_is_busy(page: Any, server: PageS
     moved = [packet for packet in server.packets() if packet.is_motion]
     assert 0 < len(moved) < 100
     assert not [packet for packet in server.packets(stopped) if packet.is_motion]
+    page.get_by_role("button", name="Start", exact=False).last.click()
+    expect(page.get_by_text("The robot is stopped.")).to_have_count(0, timeout=START)  # it answers right, and obeys
