@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
 import sys
 import time
 from pathlib import Path
 
+from tests import processes
+
 ROOT = Path(__file__).parents[1]
+LONGEST = 1800  # seconds
 TURNS = 10_000_000
 
 
@@ -28,7 +30,7 @@ def measured(room: str) -> tuple[int, float]:
     """Return how many tests of a room have passed, and their processor seconds, with those of their programs."""
     command = (sys.executable, "-m", "pytest", "-q", "-n", "0", f"tests/{room}")
     before, loop = os.times(), counted()
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    done = processes.run(command, cwd=ROOT, limit=LONGEST)
     after = os.times()
     used = after.children_user + after.children_system - before.children_user - before.children_system
     if (passed := re.search(r"(\d+) passed", done.stdout)) is None or done.returncode:
