@@ -54,7 +54,6 @@ def opened(context: Any, url: str) -> Any:
     page = context.new_page()
     page.add_init_script(SERIAL)
     page.add_init_script(PATIENT)
-    page.on("pageerror", lambda error: pytest.fail(str(error)))
     page.goto(f"{url}#board")
     expect(page.get_by_text("VIRTUAL BOARD")).to_be_visible(timeout=START)
     return page
