@@ -29,7 +29,7 @@ export function Inspector({ link, motion }) {
       const text = !isRead.value ? "\u2013" : name === "angle" ? degrees(servo.angle) : String(servo[name]);
       /** @type {HTMLElement} */ (card.current.querySelector(`[data-part=${name}]`)).textContent = text;
     }
-    const state = !isRead.value ? "unread" : servo.doubt ? "doubtful" : servo.is_hold ? (servo.is_start ? "held" : "stopped") : "limp";
+    const state = isRead.value ? stateOf(servo) : "unread";
     const chip = /** @type {HTMLElement} */ (card.current.querySelector("[data-part=state]"));
     chip.textContent = t(`live.${state}`);
     chip.className = `chip ${{ unread: "", doubtful: "bad", held: "ok", stopped: "warn", limp: "limp" }[state]}`;
@@ -81,4 +81,11 @@ function Exact({ id, motion }) {
         onChange=${(/** @type {number} */ angle) => draftTarget(id, Math.round(angle))} />
     </label>
     ${mode.value === "robot" && target !== undefined && html`<div class="exact"><${Hold} label=${t("live.exact_go", { angle: degrees(target) })} classes="small" hasKey=${false} disabled=${isOff || isOthers.value} onBegin=${go} onEnd=${() => motion.end()} /></div>`}`;
+}
+
+/** @param {import("../../state/robot.js").Servo} servo @returns {"doubtful" | "limp" | "held" | "stopped"} */
+function stateOf(servo) {
+  if (servo.doubt) return "doubtful";
+  if (!servo.is_hold) return "limp";
+  return servo.is_start ? "held" : "stopped";
 }
