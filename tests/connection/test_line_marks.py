@@ -80,6 +80,11 @@ CHANGED = {
         "serial settings",
         "even parity",
     ),
+    "bit 7 of some bytes": (
+        bytes(one & 127 | (at % 3 == 0) << 7 for at, one in enumerate(each(bytes) * 2)),
+        "serial settings",
+        "another use of bit 7",
+    ),
     "no 0d": (each(bytes).replace(b"\r", b"") * 2, "dropped bytes", "each 0d is missing"),
     "no XON": (each(bytes).replace(b"\x11", b"") * 2, "dropped bytes", "each XON, 11 is missing"),
     "flow control": (each(lambda one: b"\x13\x11" + one), "flow control", "sends 13 11"),
@@ -105,6 +110,11 @@ def test_damage_is_no_change(seed: int) -> None:
         at = chance.randrange(len(data))
         data[at : at + chance.choice((0, 1, 1))] = bytes((chance.randrange(256),) * chance.choice((0, 1)))
     assert marks_in(bytes(data), "little") == []
+
+
+def test_an_unknown_frame_of_another_length_is_damage_although_its_sum_is_right() -> None:
+    cut = [with_sum(MAGIC + b"\xff\x7f" + one[6:-2]) for one in FRAMES if len(one) > 10]
+    assert marks_in(b"".join(cut), "little") == []
 
 
 def test_right_frames_have_no_marks_and_nothing_unread() -> None:

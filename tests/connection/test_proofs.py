@@ -9,6 +9,7 @@ import asyncio
 
 import pytest
 
+from servolink.connection.repeats import HeardContents
 from servolink.errors import ConnectionLost, RequestTimeout
 from servolink.motion import Ticket
 from servolink.protocol import (
@@ -100,3 +101,13 @@ async def test_a_command_is_prepared_before_it_is_proved() -> None:
         connection.preparations = (prepare,)
         await connection.request(motion := SetAngleUnitRequest(1, 0))
         assert prepared == [motion]
+
+
+def test_only_the_latest_contents_are_known() -> None:
+    heard = HeardContents()
+    for number in range(5_000):
+        heard.add((30011, number.to_bytes(2, "little")), now=0.0)
+    heard.add((30011, (4_999).to_bytes(2, "little")), now=0.1)
+    assert heard.is_copy
+    heard.add((30011, bytes(2)), now=0.1)
+    assert not heard.is_copy
