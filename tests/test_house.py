@@ -20,7 +20,7 @@ PACKAGE = ROOT / "servolink"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 CEILINGS = {
-    "lines": 75_522,
+    "lines": 75_382,
     "files": 457,
     "names that cross rooms": 605,
     "own imports of a file, median": 5,
