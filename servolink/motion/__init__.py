@@ -14,7 +14,6 @@ from servolink.motion.angles import (
     servos_concerned,
     unit_request,
 )
-from servolink.motion.doubts import doubts
 from servolink.motion.limits import AngleLimits, MotionLimits, SpeedCap, degrees_per_second, motion_limits
 from servolink.motion.movement import (
     INTERVAL_UNIT,
@@ -27,6 +26,7 @@ from servolink.motion.movement import (
     idle_servos,
     missing_servo,
 )
+from servolink.motion.plausibility import doubts
 from servolink.motion.set_points import FRESH, ServoWay, SetPoints, checked_set_points
 from servolink.motion.ticket import NO_TICKET, STOPPED, StopCounter, Ticket
 
