@@ -8,6 +8,11 @@ from functools import lru_cache
 from pathlib import Path
 
 
+def modules_below(folder: Path) -> list[Path]:
+    """Return the Python files below a folder, without those of packages that npm has installed there."""
+    return sorted(path for path in folder.rglob("*.py") if "node_modules" not in path.parts)
+
+
 def tree_of(path: Path) -> ast.Module:
     """Return the syntax tree of a file, which is parsed while no garbage is collected.
 

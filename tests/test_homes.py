@@ -8,13 +8,13 @@ from collections import defaultdict
 from functools import cache
 from pathlib import Path
 
-from tests.syntax import tree_of
+from tests.syntax import modules_below, tree_of
 
 ROOT = Path(__file__).parents[1]
 TESTS = sorted((ROOT / "tests").rglob("test_*.py"))
 MODULES = {
     ".".join(path.relative_to(ROOT).with_suffix("").parts): path
-    for path in (ROOT / "servolink").rglob("*.py")
+    for path in modules_below(ROOT / "servolink")
     if path.name not in {"__init__.py", "__main__.py"} and "node_modules" not in path.parts
 }
 LINE = re.compile(r"^Modules?: ([\w., \n]+)\.$", re.MULTILINE)

@@ -18,12 +18,12 @@ import servolink
 from tests import processes
 from tests.extras import NEEDED, not_importable
 from tests.sampling import every, some
-from tests.syntax import nodes_of, tree_of
+from tests.syntax import modules_below, nodes_of, tree_of
 
 PACKAGE = Path(__file__).parents[1] / "servolink"
 MODULES = {
     ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
-    for path in sorted(PACKAGE.rglob("*.py"))
+    for path in modules_below(PACKAGE)
 }
 
 ARCHITECTURE = PACKAGE.parent / "docs/design/architecture.md"
@@ -213,7 +213,7 @@ def test_rooms_use_the_doors_of_other_rooms() -> None:
 
 
 def test_tests_use_the_doors_of_other_rooms() -> None:
-    files = {path: path.relative_to(TESTS).parts for path in sorted(TESTS.rglob("*.py"))}
+    files = {path: path.relative_to(TESTS).parts for path in modules_below(TESTS)}
     found = [line for path, parts in files.items() for line in past_doors(path, parts[0])]
     assert found == []
 

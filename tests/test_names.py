@@ -8,10 +8,10 @@ from collections import Counter, defaultdict
 from functools import cache
 from pathlib import Path
 
-from tests.syntax import tree_of
+from tests.syntax import modules_below, tree_of
 
 PACKAGE = Path(__file__).parents[1] / "servolink"
-MODULES = sorted(PACKAGE.rglob("*.py"))
+MODULES = modules_below(PACKAGE)
 CLASS = re.compile(r"^\s*class (\w+)", re.MULTILINE)
 
 MOST_SHARED = 7

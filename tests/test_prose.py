@@ -15,12 +15,12 @@ from pathlib import Path
 import pytest
 
 from tests.prose import LEAST_WORDS, Figures, figures, read, sources
-from tests.syntax import tree_of
+from tests.syntax import modules_below, tree_of
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 PROJECT = ROOT / "servolink"
-MODULES = sorted(PROJECT.rglob("*.py"))
+MODULES = modules_below(PROJECT)
 
 IDIOMS = {
     r"^Tell whether\b": "Return whether",
