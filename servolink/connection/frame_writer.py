@@ -34,11 +34,6 @@ class FrameWriter:
         self._answers = answers
         self._drain = PendingDrain(transport, core.scheduler)
 
-    @property
-    def url(self) -> str:
-        """Address of the transport."""
-        return self._transport.url
-
     def end(self) -> None:
         """Hold no permits any more: the connection is closed."""
         self._drain.end()

@@ -10,6 +10,7 @@ from random import Random
 
 import pytest
 
+from servolink.connection.evidence import LineEvidence
 from servolink.connection.line_marks import described_bytes, ends_inside, marks_in, unread
 from servolink.protocol import MAGIC, encode_frame
 
@@ -134,3 +135,10 @@ def test_other_bytes_are_shown(data: bytes, words: str) -> None:
 @pytest.mark.parametrize("size", [0, 1, 2, 4, 5, 8, 12, 13])
 def test_the_end_of_a_frame_is_known(size: int) -> None:
     assert ends_inside(FRAMES[1] + FRAMES[0][:size]) == (1 < size < 13)
+
+
+def test_a_mark_explains_why_no_response_was_found() -> None:
+    evidence = LineEvidence(data=CHANGED["inverted"][0], byte_order="little")
+    words = evidence.explain_silence("6 queries in 3.0 s")
+    assert words.startswith("sends each byte with inverted bits")
+    assert " (6 queries in 3.0 s): something between this computer and the board changes the bytes" in words
