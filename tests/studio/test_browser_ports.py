@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from servolink.protocol import ALL_SERVOS, Codec, ExecuteActionRequest, SetServoParameterRequest, Step
+from tests.processes import until
 from tests.studio.board_program import BoardProgram
 from tests.studio.browser import in_browser
 from tests.studio.page_server import SERIAL, PageServer
@@ -66,13 +67,13 @@ def connect(page: Any) -> None:
 
 def wait_for_stop(server: PageServer, since: float) -> float:
     """Return when the board was sent a stop after a time, in seconds since 1970."""
-    codec = Codec().encode(STOP)
-    for _ in range(500):
-        for moment, data in server.sent:
-            if moment >= since and codec in data:
-                return moment
-        time.sleep(0.01)
-    raise AssertionError("no stop was sent")
+    frame = Codec().encode(STOP)
+
+    def stops() -> list[float]:
+        return [moment for moment, data in server.sent if moment >= since and frame in data]
+
+    until(stops)
+    return stops()[0]
 
 
 def studio_worker(page: Any) -> Any:
