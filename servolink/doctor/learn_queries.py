@@ -327,8 +327,8 @@ def unsupported_finding(survey: Survey, quality: Quality) -> Measured:
         text = (
             f"{', '.join(names)}: not answered in {survey.tries} tries each; {answered} others were answered; {quality}"
         )
-    else:
-        confidence = "certain"
+    else:  # on a bad line, unreadable bytes may be all that the line left of an answer, or of another one
+        confidence = "guess" if survey.garbled and not quality.is_clean else "certain"
     if survey.is_separate:
         names += (name_of(ALL_STATES),)  # so that programs read the servos one by one
     value = None if confidence is None else names

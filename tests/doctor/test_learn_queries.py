@@ -9,8 +9,10 @@ from typing import Any
 
 import pytest
 
+from servolink.doctor.learn_line import Quality
+from servolink.doctor.learn_queries import Survey, unsupported_finding
 from servolink.errors import OpenError
-from servolink.protocol import Codec, QueryMacroRequest
+from servolink.protocol import Codec, QueryMacroRequest, QueryMemorySizeRequest, QueryRemainPowerRequest
 from servolink.transports import Faults, Transport, WrappedTransport
 from servolink.virtual import HANDLERS, BoardKind, VirtualBoard
 from tests.doctor.learning import CHINESE, FULL, board_of, described, learn
@@ -212,3 +214,10 @@ def test_a_bad_line_makes_nothing_wrong_certain(faults: Faults, seed: int) -> No
         if each.confidence == "certain" and each.value is not None and each.value not in TRUTH.get(name, (each.value,))
     }
     assert not wrong
+
+
+@pytest.mark.parametrize(("answered", "confidence"), [(10, "certain"), (9, "guess")])
+def test_unreadable_answers_prove_nothing_on_a_bad_line(answered: int, confidence: str) -> None:
+    survey = Survey(frames={QueryMemorySizeRequest(): (10, b"")}, garbled={QueryRemainPowerRequest(): "text"})
+    found = unsupported_finding(survey, Quality(10, (0.01,) * answered))
+    assert (found.value, found.confidence) == ((), confidence)
