@@ -134,8 +134,7 @@ async def press_button(scene: Scene) -> dict[str, Any]:
     went = [(event.button_id, event.kind) for event in seen]
     scene.check(f"button {_BUTTON} sent press and up", went == [(_BUTTON, "press"), (_BUTTON, "up")])
     scene.check("the board started the button's macro, which ended in its last pose", is_started)
-    kinds = [event.kind for event in seen]
-    return {"button_id": pressed.button_id, "events": kinds, "event_seconds": round(latency, 6)}
+    return {"button_id": pressed.button_id, "events": [kind for _, kind in went], "event_seconds": round(latency, 6)}
 
 
 @step("damaged")
@@ -229,8 +228,7 @@ async def finish_import(scene: Scene) -> dict[str, Any]:
     say(f"plan: {len(plan.changes)} differences")
     scene.check("it went on", applied.resumed)
     scene.check("0 differences", not plan.changes)
-    is_same = scene.second.storage.contents == scene.virtual.storage.contents
-    scene.check("both virtual boards store the same", is_same)
+    scene.check("both virtual boards store the same", scene.second.storage.contents == scene.virtual.storage.contents)
     return {"differences": len(plan.changes), "backup": str(applied.backup)}
 
 
@@ -283,10 +281,7 @@ async def _play(*, fast: bool) -> Returned:
     start = asyncio.get_running_loop().time()
     virtual, second = VirtualBoard(_SERVOS, seed=1), VirtualBoard(_SERVOS, seed=2)
     folder = tempfile.mkdtemp(prefix="servolink-demo-")
-    place: dict[str, Any] = {
-        "pty": PseudoTerminal.AVAILABLE,
-        "tcp": None if PseudoTerminal.AVAILABLE else "127.0.0.1:0",
-    }
+    place: dict[str, Any] = {"pty": True} if PseudoTerminal.AVAILABLE else {"tcp": "127.0.0.1:0"}
     with cleanup(partial(shutil.rmtree, folder, ignore_errors=True)):
         async with AsyncExitStack() as stack:
             [url], [second_url] = [await stack.enter_async_context(serve(each, **place)) for each in (virtual, second)]
