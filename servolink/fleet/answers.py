@@ -24,6 +24,7 @@ class Sender(NamedTuple):
 
     response_topic: str | None
     correlation: bytes | None
+    qos: int = 1  # of a refusal: a broker confirms only some hundred a second of the thousands that a flood asks for
 
 
 class Answers:
@@ -64,7 +65,7 @@ class Answers:
         `on_sent` is called when the broker has the answer, which is returned, to be repeated.
         """
         text = self._text(command_id, _failure(error))
-        self._put(sender, text, on_sent)
+        self._put(sender, text, on_sent, sender.qos)
         return text
 
     def report(self, command_id: str, sender: Sender, progress: dict[str, Any]) -> None:
@@ -93,14 +94,14 @@ class Answers:
         command_log = self._command_log
         return None if command_log is None else lambda: command_log.over(noted)
 
-    def _put(self, sender: Sender, text: str, on_sent: Callable[[], None] | None = None) -> None:
+    def _put(self, sender: Sender, text: str, on_sent: Callable[[], None] | None = None, qos: int = 1) -> None:
         topic = sender.response_topic
         if topic is None or not self._topics.may_answer(self._board, topic):
             if topic is not None and self._on_problem is not None and self._topics.is_earlier_reply(topic):
                 self._on_problem(_EARLIER)
                 self._on_problem = None
             topic = self._topics.board(self._board, "result")
-        message = Publication(topic, text, 1, correlation=sender.correlation)
+        message = Publication(topic, text, qos, correlation=sender.correlation)
         self._outbox.put(message, on_sent)
 
 

@@ -117,7 +117,7 @@ class CommandHandler:
         if message.is_retained and not message.payload:  # retained message removed by somebody
             acknowledge()
             return
-        sender = Sender(message.response_topic, message.correlation)
+        sender = Sender(message.response_topic, message.correlation, message.qos)
         digest = _digest(message.payload)
         command_id: str | None = None
         try:

@@ -144,10 +144,15 @@ class MqttClient:
     async def publish(self, message: Publication) -> str | None:
         """Send a message. Return the broker's reason for a refusal, else None.
 
-        Without QoS it is sent when the system has it. Raise ConnectionLost if the connection ends before.
+        Without QoS it is sent when the system has it. Raise ConnectionLost if the connection ends before, as it does
+        without an answer: mosquitto drops confirmations for a program that is behind, and only a new connection helps.
         """
         info = self._client.publish(*message[:4], properties=_message_properties(message))
-        return await self._answer(info.rc, info.mid)
+        try:
+            return await _limited(self._answer(info.rc, info.mid))
+        except TimeoutError as error:
+            self._finish(str(error))
+            raise ConnectionLost(str(error)) from None
 
     def acknowledge(self, message: Received) -> None:
         """Acknowledge a message."""

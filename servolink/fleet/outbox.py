@@ -50,11 +50,10 @@ class Outbox:
 
     def _drop_one(self) -> None:
         """Drop the oldest message that is not an answer, if any."""
-        for at, item in enumerate(self._waiting):
-            if item.on_sent is None:
-                del self._waiting[at]
-                self.dropped += 1
-                return
+        oldest = next((at for at, item in enumerate(self._waiting) if item.on_sent is None), None)
+        if oldest is not None:
+            del self._waiting[oldest]
+            self.dropped += 1
 
     async def run(self) -> NoReturn:
         """Send queued messages, in an endless loop."""

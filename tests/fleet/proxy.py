@@ -8,12 +8,16 @@ from contextlib import asynccontextmanager, suppress
 
 from tests.fleet.mosquitto import Broker
 
+PUBACK = b"\x40"
+
 
 class Proxy:
     """Passes bytes on to a broker."""
 
     def __init__(self, broker: Broker) -> None:
         self.connections = 0
+        self.loses_confirmations = False
+        """Whether the broker's confirmations of messages do not arrive, if each comes alone."""
         self._broker = broker
         self._writers: set[asyncio.StreamWriter] = set()
         self._flows = asyncio.Event()
@@ -61,7 +65,8 @@ class Proxy:
     async def _pass(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while data := await reader.read(65536):
             await self._flows.wait()
-            writer.write(data)
+            if not (self.loses_confirmations and data.startswith(PUBACK)):
+                writer.write(data)
         writer.transport.abort()
 
 

@@ -17,12 +17,14 @@ import pytest
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.fleet import broker as module
+from servolink.fleet import mqtt_client
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.broker import BrokerConnection, Denied, explain
 from servolink.fleet.broker_messages import Publication, Received
 from servolink.fleet.mqtt_client import MqttOptions
 from tests.fleet.bridged import LIMIT
 from tests.fleet.mosquitto import OPEN, Broker, needs_broker
+from tests.fleet.proxy import proxy_to
 
 pytestmark = needs_broker
 
@@ -255,6 +257,29 @@ def test_a_server_that_speaks_something_else_is_an_error(junk: bytes) -> None:
             port = server.sockets[0].getsockname()[1]
             with pytest.raises(OpenError, match=f"^mqtt://127.0.0.1:{port}: "):
                 await connection_to(f"mqtt://127.0.0.1:{port}").run()
+
+    limited(test)
+
+
+def test_a_confirmation_that_the_broker_drops_does_not_silence_the_program(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mqtt_client, "_LIMIT", 0.5)
+    lost: asyncio.Queue[str] = asyncio.Queue()
+
+    async def test() -> None:
+        async with proxy_to(broker) as proxy:
+            connection = connection_to(proxy.url)
+            connection.on_state = lambda is_connected, text: None if is_connected else lost.put_nowait(text)
+            async with running(connection):
+                proxy.loses_confirmations = True
+                with pytest.raises(ConnectionLost, match="the broker has not answered"):
+                    await connection.send(Publication("t", b"one", 1))
+                proxy.loses_confirmations = False
+                assert (await lost.get()).endswith("the broker has not answered for 0.5 s")
+                await connection.until_connected()
+                await connection.send(Publication("t", b"two", 1))
+            assert (proxy.connections, lost.empty()) == (2, True)
 
     limited(test)
 
