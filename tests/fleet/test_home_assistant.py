@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from servolink.control import encode
+from servolink.control import ServoNow, ServosFrame, encode
 from servolink.fleet import home_assistant
 from servolink.fleet.home_assistant import HomeAssistant, discovery, without
 from servolink.fleet.policy import BoardPolicy
@@ -113,6 +113,21 @@ def test_what_is_gone_is_removed() -> None:
     check_document(removal)
     assert removal["components"]["macro_1"] == {"platform": "button"}
     assert without(after, after) is None
+
+
+def test_values_that_cannot_be_true_are_unknown_and_never_the_highest() -> None:
+    true = ServoNow(1, 10, "degree", 40, 250, 0, True, True)
+    false = ServoNow(2, -1, "degree", -1, 900, 0, True, True, doubt="not measured")
+    sent = encode(home_assistant._vitals(ServosFrame(1, 0.0, (false, true), 0)))
+    assert json.loads(sent) == {
+        "angle": {"1": 10, "2": None},
+        "temperature_raw": {"1": 250, "2": None},
+        "current_raw": {"1": 40, "2": None},
+        "highest_temperature_raw": 250,
+        "highest_current_raw": 40,
+    }
+    sent = encode(home_assistant._vitals(ServosFrame(1, 0.0, (false,), 0)))
+    assert json.loads(sent)["highest_temperature_raw"] is None
 
 
 def test_templates_find_what_is_sent() -> None:

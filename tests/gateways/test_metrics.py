@@ -16,6 +16,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from servolink.client import Alarm
 from servolink.control import ServoNow
@@ -48,13 +49,14 @@ class FleetSeen:
         self.roster = Roster()
         self.connections = 2
 
-    def take(self, board: str, *, servos: int = 2, **known: Any) -> None:
-        """Take the messages of a board."""
+    def take(self, board: str, *, servos: int = 2, doubtful: int = 0, **known: Any) -> None:
+        """Take the messages of a board, whose servo `doubtful` has not measured anything."""
         now = BoardNow(board=board, host="desk", version="1", connection="connected", allow="run", at=0.0, **known)
         each = [
             ServoNow(n, 10 * n, "degree" if n != 2 else "adc", n, 299 + n, 0, True, n != 2, 3 if n == 1 else None)
             for n in range(1, servos + 1)
         ]
+        each = [replace(one, doubt="not measured") if one.servo_id == doubtful else one for one in each]
         frame = ServosNow(1, 0.0, tuple(each), 0)
         for kind, payload in (
             ("available", b"online"),
@@ -96,6 +98,15 @@ async def test_boards_servos_and_alarms_are_read() -> None:
     assert found["servolink_board_alarm_servos", "temperature_raw>300", "rex"] == 1
     assert found["servolink_fleet_broker_connections_total",] == 2
     assert not [name for name, *labels in found if "max" in labels and name.startswith("servolink_servo")]
+
+
+async def test_values_that_cannot_be_true_are_no_samples_and_no_alarm() -> None:
+    fleet = FleetSeen()
+    fleet.take("rex", servos=3, doubtful=3)
+    found = await read(fleet)
+    assert {name for name, *labels in found if labels == ["rex", "3"]} == {"servolink_servo_doubtful"}
+    assert [found["servolink_servo_doubtful", "rex", str(servo)] for servo in (1, 2, 3)] == [0, 0, 1]
+    assert found["servolink_board_alarm_servos", "temperature_raw>300", "rex"] == 1, "servo 2 alone, of 301"
 
 
 async def test_the_number_of_series_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -70,6 +72,29 @@ def unread(browser: Any, url: str) -> Iterator[tuple[Any, Line]]:
         yield page, line
 
 
+@contextmanager
+def doubtful(browser: Any, url: str, servo_id: int) -> Iterator[Any]:
+    """Yield a page whose readings of a servo cannot be true."""
+
+    def begin(page: Any) -> None:
+        studio = page.connect_to_server()
+        studio.on_message(lambda text: page.send(doubted(text)))
+
+    def doubted(text: str) -> str:
+        message = json.loads(text)
+        if message.get("method") == "servos":
+            for servo in message["params"]["servos"]:
+                if servo["servo_id"] == servo_id:
+                    servo.update(angle=-1, current_raw=-1, temperature_raw=-1, doubt="not measured")
+        return json.dumps(message)
+
+    profile = new_profile(browser)
+    profile.route_web_socket("**/*", begin)
+    with opened(browser, url, profile=profile) as page:
+        expect(page.get_by_label(f"Target of servo {servo_id},")).to_be_enabled()
+        yield page
+
+
 def picture_at(slider: Any, end: str) -> bytes:
     """Return the picture of a slider whose value is `min` or `max`."""
     slider.evaluate("(slider, end) => { slider.value = slider[end]; }", end)
@@ -105,6 +130,17 @@ def test_nothing_looks_like_an_angle_until_the_servos_are_read_again(studio: Stu
         expect(slider).to_be_enabled()
         expect(row.locator("[data-part=angle]")).to_contain_text("°")
         assert slider.get_attribute("aria-valuetext") is None
+
+
+def test_values_that_cannot_be_true_are_marked_on_their_servo_only(studio: Studio, browser: Any) -> None:
+    with doubtful(browser, studio.url, 2) as page:
+        row = page.locator(".sv", has=page.get_by_label("Target of servo 2,"))
+        expect(row.locator("[data-part=angle]")).to_have_text("\u22121° ?")
+        expect(row.locator("[data-part=meters]")).to_have_attribute("aria-label", re.compile("^implausible: "))
+        expect(page.locator(".sv[data-state=unread]")).to_have_count(1)
+        expect(page.locator(".sv[data-state=ready]")).to_have_count(15)
+        row.locator("button.nm").click()
+        expect(page.locator(".insp [data-part=state]")).to_have_text("implausible")
 
 
 def test_nothing_is_sent_before_the_servos_are_read(studio: Studio, browser: Any) -> None:
