@@ -51,6 +51,7 @@ from servolink.protocol import (
     TransmissionModeSettingRequest,
     TransmissionModeSettingResponse,
 )
+from servolink.support import Tasks
 
 _WAKE_AFTER = (2, 4)  # silent tries
 _PAIR_AFTER = 5  # silent tries
@@ -416,7 +417,7 @@ class Opener:
         self.begin()
         opening = self._answers.opening
         if self._core.lifecycle.state is State.OPENING and opening is not None and opening.task is not None:
-            await asyncio.shield(opening.task)
+            await Tasks.shared_result(opening.task)
         if several := self._core.repeats.several:
             evidence = LineEvidence(self._core.codec.byte_order, several=True)
             raise HandshakeFailed(several, evidence, reason=Reason.SEVERAL_BOARDS)

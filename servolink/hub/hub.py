@@ -286,7 +286,7 @@ class Hub:
 
     async def stop(self, who: str) -> None:
         """Stop all servos for `who`, ahead of everything (see `Board.stop`)."""
-        await asyncio.shield(self.begin_stop(who))
+        await Tasks.shared_result(self.begin_stop(who))
 
     def begin_stop(self, who: str, session_id: str = "") -> asyncio.Task[SetServoParameterResponse]:
         """Begin a stop, and return the task of the confirmation. Do not cancel the task: other programs may wait too.

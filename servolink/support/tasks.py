@@ -50,6 +50,15 @@ class Tasks:
         task.add_done_callback(self._under_way.discard)
         return task
 
+    @staticmethod
+    async def shared_result(task: asyncio.Future[T]) -> T:
+        """Return the result of a task that others wait for, too: a cancelled caller does not cancel the task.
+
+        `asyncio.shield` would log, in Python 3.14, an error after the cancellation, although others have been told.
+        """
+        await asyncio.wait((task,))
+        return task.result()
+
     async def close(self, *, linger: float = 0.0) -> None:
         """Cancel tasks still running after `linger` seconds, and wait until all tasks have ended."""
         if self._under_way and linger:

@@ -6,6 +6,7 @@ Module: servolink.hub.engine.stop_order.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -218,3 +219,41 @@ async def test_who_has_lost_the_lease_ends_no_movement_of_others() -> None:
             await studio.call("move.end", servos=[1])
         await asyncio.sleep(2)
         assert here.angle(1) == 90
+
+
+def _shield_of_python_3_14(inner: asyncio.Future[Any]) -> asyncio.Future[Any]:
+    """Shield `inner`, and report an error of it that comes after the cancellation, as `asyncio.shield` does there."""
+    inner, outer = asyncio.ensure_future(inner), _SHIELD(inner)
+
+    def report(ended: asyncio.Future[Any]) -> None:
+        if outer.cancelled() and not ended.cancelled() and (error := ended.exception()):
+            text = f"{type(error).__name__} exception in shielded future"
+            ended.get_loop().call_exception_handler({"message": text, "exception": error, "future": ended})
+
+    inner.add_done_callback(report)
+    return outer
+
+
+_SHIELD = asyncio.shield
+
+
+def test_a_stop_whose_page_has_left_says_once_and_without_a_traceback_that_the_board_is_gone(
+    monkeypatch: pytest.MonkeyPatch, warnings_logged: Callable[[], list[str]]
+) -> None:
+    async def use(there: World) -> None:
+        interface = ControlInterface(there.hub)
+        page = RpcProgram(there.hub, interface, Greeting(wants="rpc", who="page", role="edit"))
+        await page.call("servos.list")
+        there.fake.usual = LOST
+        page.begin("stop")
+        await asyncio.sleep(0.01)
+        closing = asyncio.ensure_future(page.channel.close())
+        await asyncio.sleep(0)
+        there.fake.vanish()
+        await closing
+        await interface.close()
+
+    monkeypatch.setattr(asyncio, "shield", _shield_of_python_3_14)
+    on_hub(use)
+    (said,) = warnings_logged()
+    assert said.startswith("a stop was sent and could not be confirmed")

@@ -39,3 +39,13 @@ def test_those_that_do_not_end_in_time_are_cancelled_with_what_they_begin() -> N
 
     run(main())
     assert ended == ["quick is done"]
+
+
+async def test_who_stops_waiting_for_a_task_of_several_cancels_it_for_nobody() -> None:
+    tasks = Tasks()
+    task = tasks.begin(asyncio.sleep(2, "done"))
+    first, second = (asyncio.ensure_future(Tasks.shared_result(task)) for _ in range(2))
+    await asyncio.sleep(1)
+    first.cancel()
+    assert await second == "done"
+    assert first.cancelled()

@@ -140,7 +140,7 @@ class Stops:
                 self._tell(ProblemNotice(f"{reason}: the board is stopped as soon as it is connected again"), "")
                 continue
             try:
-                await asyncio.shield(self.begin(reason))
+                await Tasks.shared_result(self.begin(reason))
             except ConnectionLost:
                 continue
             except ServolinkError as error:
@@ -193,7 +193,7 @@ class Stops:
         outcome: ServolinkError | bool = False
         try:
             if ALL_SERVOS in servo_ids:
-                await asyncio.shield(self._send(SetServoParameterRequest(ALL_SERVOS, 0, 1)))
+                await Tasks.shared_result(self._send(SetServoParameterRequest(ALL_SERVOS, 0, 1)))
             else:
                 await _stop_each(self._board, servo_ids)
             outcome = True
@@ -265,7 +265,5 @@ def _outcome_of(
     """Return the outcome of the finished task of a stop; False after giving up."""
     if task.cancelled():
         return False
-    try:
-        return task.result()
-    except ServolinkError as error:
-        return error
+    error = task.exception()  # `result` would raise it, and make the traceback of those who wait longer
+    return error if isinstance(error, ServolinkError) else task.result()

@@ -52,7 +52,7 @@ from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed, servos
 from servolink.motion import Ticket
 from servolink.project import UNFINISHED
 from servolink.protocol import ALL_SERVOS, QueryServoListRequest
-from servolink.support import seconds_asleep
+from servolink.support import Tasks, seconds_asleep
 
 T = TypeVar("T")
 
@@ -187,7 +187,7 @@ def stop(caller: Caller, params: NoParams) -> Coroutine[Any, Any, Done]:
     stopping = caller.control.hub.begin_stop(caller.control.who, caller.control.session)
 
     async def confirmed() -> Done:
-        await asyncio.shield(stopping)
+        await Tasks.shared_result(stopping)
         return Done()
 
     return confirmed()
@@ -347,7 +347,7 @@ async def board_mode(caller: Caller, params: BoardMode) -> BoardMode:
     # Exclusive use keeps other programs from starting a servo between the stop and the new mode.
     async with control.exclusive("the transmission mode is being set"):
         with control.moving():
-            await asyncio.shield(control.hub.begin_stop(control.who, control.session))
+            await Tasks.shared_result(control.hub.begin_stop(control.who, control.session))
             await board.set_transmission_mode(0)
     return params
 
