@@ -8,7 +8,13 @@ from servolink.project.build import build_project, extend_project, refuse_new_er
 from servolink.project.figure import BodyFields, Feet, Figure, Joint, Shape, View
 from servolink.project.fix import fix_project
 from servolink.project.merge import merge_projects
-from servolink.project.mirror import Mirror, mirror_by_captions, mirror_project, other_side, partners_by_caption
+from servolink.project.mirror import (
+    Mirror,
+    mirror_by_captions,
+    mirror_project,
+    other_side,
+    partners_by_caption,
+)
 from servolink.project.model import UNFINISHED, Project, name_of, without_neutral
 from servolink.project.naming import Named, id_or_caption
 from servolink.project.preflight_checks import preflight, preflight_run, uncheckable

@@ -8,9 +8,11 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from msgspec import UNSET, Struct, UnsetType
 from msgspec.structs import replace
 
 from servolink.errors import ProjectError
+from servolink.project.figure import Axis, Figure, Joint, Vector
 from servolink.project.model import Project, name_of
 from servolink.project.record_lookup import dependency_order, free_id, with_caption, with_id, with_records
 from servolink.protocol import MACRO, Action, Macro, Record, RecordType, ServoParameter, Step
@@ -80,6 +82,25 @@ class Mirror:
     """Servos with the same angle as the partner; either servo of a pair is enough. All other servos get the opposite
     angle, because a servo mounted as the mirror image of another turns the other way."""
 
+    class ServoImage(Struct, frozen=True):
+        """Mirror image of a servo: another servo, or the same one for a head or a waist."""
+
+        servo: int
+        factor: int
+        """1 or -1: the image has `factor` times the angle plus `offset`."""
+        offset: float
+        """Degrees."""
+        is_right: bool
+        """Whether the servo itself is on the right, so that its image is on the left."""
+
+    @staticmethod
+    def images(figure: Figure | None, captions: Mapping[int, str]) -> dict[int, Mirror.ServoImage]:
+        """Return the image of each servo by servo id: by the limbs of a figure with two sides, otherwise by captions.
+
+        `captions` are by servo id. A servo with several possible images, or without one, is left out.
+        """
+        return (_images_by_figure(figure) if figure is not None else {}) or _images_by_caption(captions)
+
     def step(self, step: Step) -> Step:
         """Return the mirror image of a step. Raise ProjectError for -32768, as the opposite does not fit a step."""
         if (partner := self.partners.get(step.servo_id)) is None:
@@ -89,6 +110,58 @@ class Mirror:
         if step.degree == _MOST_NEGATIVE:
             raise ProjectError(f"servo {step.servo_id}: the opposite of {step.degree} does not fit a step")
         return Step(partner, -step.degree, step.interval)
+
+
+def _images_by_figure(figure: Figure) -> dict[int, Mirror.ServoImage]:
+    names = {group: other_names.get("en", "") for group, other_names in figure.groups.items()}
+    turned = [joint for joint in figure.joints if joint.servo is not UNSET]
+    found: dict[int, Mirror.ServoImage] = {}
+    for group, name in names.items():
+        opposite = next((key for key, other in names.items() if other == other_side(name) != name), None)
+        facing = [joint for joint in turned if opposite is not None and joint.group == opposite]
+        by_id = {joint.id: joint for joint in facing}
+        for at, joint in enumerate(one for one in turned if one.group == group):
+            partner = by_id.get(other_side(joint.id), facing[at] if at < len(facing) else None)
+            if partner is not None:
+                found |= _image_of(joint, partner, is_right=_is_right(name))
+    rest = [joint for joint in turned if joint.servo not in found] if found else []
+    for joint in rest:
+        found |= _image_of(joint, joint, is_right=False)
+    return found
+
+
+def _image_of(joint: Joint, image: Joint, *, is_right: bool) -> dict[int, Mirror.ServoImage]:
+    """Return the image of a joint: a turn about the axis from side to side stays, other turns are reversed."""
+    (x, y, z), (a, b, c) = _direction(joint.axis), _direction(image.axis)
+    way = image.sign if x * a - y * b - z * c >= 0 else -image.sign
+    offset = way * joint.offset - image.sign * image.offset
+    return {_servo(joint): Mirror.ServoImage(_servo(image), way * joint.sign, offset, is_right)}
+
+
+def _servo(joint: Joint) -> int:
+    return 0 if isinstance(joint.servo, UnsetType) else joint.servo
+
+
+def _direction(axis: Axis | Vector) -> Vector:
+    return (float(axis == "x"), float(axis == "y"), float(axis == "z")) if isinstance(axis, str) else axis
+
+
+def _images_by_caption(captions: Mapping[int, str]) -> dict[int, Mirror.ServoImage]:
+    servos_of = defaultdict[str, list[int]](list)
+    for servo_id, caption in captions.items():
+        servos_of[_normalized(caption)].append(servo_id)
+    found: dict[int, Mirror.ServoImage] = {}
+    for servo_id, caption in captions.items():
+        other = other_side(caption)
+        partners = servos_of.get(_normalized(other), [])
+        if other != caption and len(partners) == 1 == len(servos_of[_normalized(caption)]):
+            found[servo_id] = Mirror.ServoImage(partners[0], -1, 0, _is_right(caption))
+    return found
+
+
+def _is_right(name: str) -> bool:
+    side = _SIDE.search(name)
+    return side is not None and side[0].lower() in ("right", "r", "右")
 
 
 def mirror_by_captions(project: Project, records: Iterable[Record], same_sign: Collection[int] = ()) -> Mirror:

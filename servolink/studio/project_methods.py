@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 from msgspec import Meta, Struct
 
@@ -10,7 +10,16 @@ from servolink.boards import ProfileInUse
 from servolink.control import ProjectExported, ProjectForm, Role, Touches
 from servolink.errors import ProjectError
 from servolink.motion import INTERVAL_UNIT
-from servolink.project import BackupStore, Diagnostic, Project, ProjectFile, preflight, validate_project
+from servolink.project import (
+    BackupStore,
+    Diagnostic,
+    Figure,
+    Mirror,
+    Project,
+    ProjectFile,
+    preflight,
+    validate_project,
+)
 from servolink.studio.studio_methods import METHODS, PageCaller
 from servolink.support import computed, write_json
 
@@ -52,6 +61,32 @@ class BackupNumber(Struct, forbid_unknown_fields=True):
     """The number of a backup."""
 
     number: Annotated[int, Meta(ge=0)]
+
+
+ById: TypeAlias = dict[Annotated[str, Meta(pattern="^-?[0-9]{1,10}$")], Annotated[str, Meta(max_length=256)]]
+"""Captions by id."""
+
+
+class Sides(Struct, forbid_unknown_fields=True):
+    """What tells the left of a robot from its right."""
+
+    captions: ById
+    """Captions of the servos."""
+    figure: Figure | None = None
+
+
+class Images(Struct, frozen=True):
+    """Mirror images of servos by servo id."""
+
+    images: dict[int, Mirror.ServoImage]
+
+
+@METHODS.add("project.images", Role.WATCH, touches=Touches.NOTHING)
+@computed
+def images(caller: PageCaller, params: Sides) -> Images:
+    """Return the mirror image of each servo that has one."""
+    captions = {int(servo_id): caption for servo_id, caption in params.captions.items()}
+    return Images(Mirror.images(params.figure, captions))
 
 
 @METHODS.add("studio.file.read", Role.WATCH, touches=Touches.NOTHING)

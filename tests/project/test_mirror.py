@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import inspect
+import json
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import servolink.studio
 from servolink.errors import ProjectError
 from servolink.project.build import extend_project
+from servolink.project.figure import Figure
 from servolink.project.mirror import Mirror, mirror_by_captions, mirror_project, other_side
 from servolink.project.model import Project
 from servolink.protocol import Action, Macro, MacroCommand, ServoParameter, Step
@@ -179,3 +183,57 @@ def test_a_call_of_nothing_is_named() -> None:
 def test_nothing_is_lost_where_an_id_is_used_twice() -> None:
     with pytest.raises(ProjectError, match="action 1 exists twice"):
         mirror_project(Project(actions=(RAISE, RAISE)), [RAISE], ARMS)
+
+
+_FIGURES = Path(servolink.studio.__file__).parent / "web/figures"
+
+
+def figure(name: str) -> Figure:
+    return Figure.from_json(json.loads((_FIGURES / f"{name}.figure.json").read_text(encoding="utf-8")))
+
+
+def image_of(images: dict[int, Mirror.ServoImage], servo_id: int, degree: float) -> tuple[int, float]:
+    image = images[servo_id]
+    return image.servo, image.factor * degree + image.offset
+
+
+def test_a_figure_is_mirrored_by_its_groups() -> None:
+    images = Mirror.images(figure("humanoid-16"), {2: "right", 3: "left"})
+    for one, other in [((2, 142), (5, -142)), ((9, 30), (14, -30)), ((16, 5), (11, -5))]:
+        assert image_of(images, *one) == other
+        assert image_of(images, *other) == one
+    assert images[2].is_right != images[5].is_right
+
+
+def test_the_image_of_the_image_is_the_servo_itself() -> None:
+    for name in ("humanoid-16", "quadruped-12", "hexapod-18"):
+        images = Mirror.images(figure(name), {})
+        assert images
+        for servo_id in images:
+            for degree in (-50, 0, 33):
+                assert image_of(images, *image_of(images, servo_id, degree)) == (servo_id, degree)
+
+
+def test_offset_and_direction_of_the_joints_count() -> None:
+    joints = [
+        {"id": "left arm", "servo": 1, "group": "la", "axis": "x", "offset": 10},
+        {"id": "right arm", "servo": 2, "group": "ra", "axis": [2, 0, 0], "sign": -1, "offset": 30},
+        {"id": "head", "servo": 3, "axis": "y", "offset": 5},
+    ]
+    groups = {"la": {"en": "Left arm"}, "ra": {"en": "Right arm"}}
+    form = {"figure": 1, "name": "", "view": {}, "groups": groups, "joints": joints}
+    images = Mirror.images(Figure.from_json(form), {})
+    assert image_of(images, 1, 25) == (2, -5)  # both arms at 35 degrees
+    assert image_of(images, 2, -5) == (1, 25)
+    assert image_of(images, 3, 7) == (3, -17)  # a head at 12 degrees looks to the other side
+    assert [images[servo].is_right for servo in (1, 2, 3)] == [False, True, False]
+
+
+def test_a_figure_without_sides_leaves_it_to_the_captions() -> None:
+    assert Mirror.images(figure("arm-6"), {}) == {}
+    captions = {1: "L arm", 2: "r  ARM", 3: "head", 4: "L leg", 5: "l leg", 6: "R leg"}
+    assert Mirror.images(figure("arm-6"), captions) == Mirror.images(None, captions)
+    assert Mirror.images(None, captions) == {
+        1: Mirror.ServoImage(2, -1, 0, False),
+        2: Mirror.ServoImage(1, -1, 0, True),
+    }

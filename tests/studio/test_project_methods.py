@@ -26,6 +26,17 @@ async def called(place: Place, method: str, **params: Any) -> Any:
         return await call(page, method, **params)
 
 
+def test_a_page_asks_for_the_images_of_servos() -> None:
+    async def test(place: Place) -> None:
+        images = (await called(place, "project.images", captions={"1": "left", "2": "right"}))["result"]["images"]
+        assert {servo: (image["servo"], image["is_right"]) for servo, image in images.items()} == {
+            "1": (2, False),
+            "2": (1, True),
+        }
+
+    run(test)
+
+
 def test_a_file_is_read_and_written_as_the_command_line_does() -> None:
     async def test(place: Place) -> None:
         project = (await called(place, "studio.file.read", text=TEXT))["result"]["project"]

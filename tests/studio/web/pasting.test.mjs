@@ -7,7 +7,6 @@ import { projectForm } from "./page.mjs";
 const state = "../../../servolink/studio/web/state/";
 const { copiedText, motionsIn } = await import(`${state}clipboard.js`);
 const { pairsOf, pasted } = await import(`${state}pasting.js`);
-const { mirrorOf } = await import(`${state}mirror.js`);
 
 const named = (id, caption = "", part = "") => ({ id, caption, part });
 const ROBOT = [named(1, "servo 1"), named(2, "servo 2")];
@@ -56,10 +55,8 @@ test("steps without a servo are left out, and an action without steps is named w
 });
 
 test("motions are mirrored and retimed if asked, in the units of the board", () => {
-  const mirror = mirrorOf(null, [
-    { servo_id: 1, servo_caption: "L arm" },
-    { servo_id: 2, servo_caption: "R arm" },
-  ]);
+  const image = { factor: -1, offset: 0 };
+  const mirror = new Map([[1, { ...image, servo: 2, is_right: false }], [2, { ...image, servo: 1, is_right: true }]]); // prettier-ignore
   const pairs = [[1, 1], [2, 2]]; // prettier-ignore
   const { project } = pasted(empty(), copied("action", 1), fit(pairs, { mirror, percent: 153 }));
   assert.deepEqual(project.actions[0].steps, [

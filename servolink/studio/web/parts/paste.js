@@ -2,8 +2,8 @@
 
 import { html, useEffect, useState } from "../html.js";
 import { copiedText, motionsIn } from "../state/clipboard.js";
-import { figure, nameOf, namedServos } from "../state/figure.js";
-import { mirrorOf } from "../state/mirror.js";
+import { nameOf, namedServos } from "../state/figure.js";
+import { mirror } from "../state/mirror.js";
 import { pairsOf, pasted } from "../state/pasting.js";
 import { draft, edit } from "../state/project.js";
 import { editToast, toast } from "../state/toasts.js";
@@ -61,7 +61,7 @@ function Preview({ motions, onClose }) {
     [isMirrored, setMirrored] = useState(false),
     [percent, setPercent] = useState(100);
   if (project === null) return null;
-  const all = mirrorOf(figure.value, project.servo_parameters);
+  const all = mirror.value;
   const fit = { pairs, mirror: isMirrored ? all : null, percent };
   const { actions, macros, left } = pasted(project, motions, fit);
   const lost = motions.servos.filter(({ id }) => (pairs.get(id) ?? null) === null).map(theirName);

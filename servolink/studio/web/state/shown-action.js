@@ -3,11 +3,9 @@
 import { computed, signal } from "../html.js";
 import { safeText } from "../parts/safe-text.js";
 import { t } from "../texts/text.js";
-import { figure } from "./figure.js";
-import { mirrorOf } from "./mirror.js";
 import { draft, edit } from "./project.js";
 import { fitCaption, freeId, poseOf, withRecord } from "./records.js";
-import { actualPose, captions } from "./robot.js";
+import { actualPose } from "./robot.js";
 import { chooseAction, chosenAction } from "./view.js";
 
 /** @typedef {import("./records.js").Action} Action */
@@ -50,14 +48,6 @@ export const ghostAction = computed(() => {
   if (choice === "before") return actionBefore(action.value);
   return actions.find((one) => one.action_id === choice) ?? null;
 });
-
-/** Mirror images of the servos of the robot, by id. */
-export const mirror = computed(() =>
-  mirrorOf(
-    figure.value,
-    Object.entries(captions.value).map(([id, caption]) => ({ servo_id: Number(id), servo_caption: caption })),
-  ),
-);
 
 /**
  * Return the action before another action: in a macro, or else in the list.

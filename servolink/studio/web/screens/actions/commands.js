@@ -2,19 +2,11 @@
 
 import { withDegrees, withEnoughTime, withSteps, withTime } from "../../state/edit-action.js";
 import { capOf, within } from "../../state/limits.js";
-import { mirrored, rightToLeft } from "../../state/mirror.js";
+import { mirror, mirrored, rightToLeft } from "../../state/mirror.js";
 import { draft, edit } from "../../state/project.js";
 import { callersOf, withoutAction } from "../../state/records.js";
 import { actualPose, servoIds } from "../../state/robot.js";
-import {
-  action,
-  addAction,
-  changeAction,
-  ghostAction,
-  mirror,
-  nameOfAction,
-  startPose,
-} from "../../state/shown-action.js";
+import { action, addAction, changeAction, ghostAction, nameOfAction, startPose } from "../../state/shown-action.js";
 import { editToast } from "../../state/toasts.js";
 import { t } from "../../texts/text.js";
 

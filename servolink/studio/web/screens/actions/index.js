@@ -11,6 +11,7 @@ import { Reading } from "../../parts/reading.js";
 import { tooFast } from "../../state/edit-action.js";
 import { nameOf } from "../../state/figure.js";
 import { capOf } from "../../state/limits.js";
+import { mirror } from "../../state/mirror.js";
 import { draft } from "../../state/project.js";
 import { LONGEST, poseOf, secondsOf } from "../../state/records.js";
 import { isLive, mayEdit } from "../../state/robot.js";
@@ -18,7 +19,6 @@ import {
   action,
   actionBefore,
   addAction,
-  mirror,
   nameOfAction,
   searchActions,
   searchText,
