@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import ChainMap
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -30,12 +31,18 @@ class PoseRecorder:
     """Seconds for a pose at most, by the protocol."""
 
     def __init__(
-        self, caption: str, start: Mapping[int, int], now: float, *, speed_cap: float, seconds: float | None = None
+        self,
+        caption: str,
+        start: Mapping[int, int],
+        now: float,
+        *,
+        speed_cap: float | Mapping[int, float],
+        seconds: float | None = None,
     ) -> None:
         """Start at the pose `start`, degrees by servo id, at the time `now`.
 
         A pose gets the time since the previous pose, or `seconds`; in any case enough time to stay below `speed_cap`
-        degrees per second.
+        degrees per second, of all servos or by servo id.
         """
         self.caption = caption
         self.poses: list[Pose] = []
@@ -46,15 +53,26 @@ class PoseRecorder:
 
     def take(self, degrees: Mapping[int, int], now: float) -> Pose:
         """Record the present pose of the servos."""
-        before = self.poses[-1].degrees if self.poses else self._start
-        distance = max((abs(angle - before[servo_id]) for servo_id, angle in degrees.items()), default=0)
         duration = now - self._times[-1] if self._seconds is None else self._seconds
-        seconds = min(max(duration, distance / self._speed_cap, self.SHORTEST), self.LONGEST)
-        # Rounded up to the resolution of the protocol; rounded first, so that 0.07 s does not become 0.08 s.
-        pose = Pose(dict(degrees), min(math.ceil(round(seconds * 100, 6)) / 100, self.LONGEST))
+        pose = Pose(dict(degrees), max(self._rounded(duration), self.least_seconds(degrees)))
         self.poses.append(pose)
         self._times.append(now)
         return pose
+
+    def least_seconds(self, degrees: Mapping[int, int]) -> float:
+        """Return the least time for a pose after the last one, seconds. A servo without a known angle needs none."""
+        before = ChainMap({}, *(pose.degrees for pose in reversed(self.poses)), self._start)
+        ways = {servo_id: abs(angle - before.get(servo_id, angle)) for servo_id, angle in degrees.items()}
+        caps = self._speed_cap
+        needed = (
+            way / (caps if isinstance(caps, float | int) else caps.get(servo_id, math.inf))
+            for servo_id, way in ways.items()
+        )
+        return self._rounded(max(needed, default=0))
+
+    def _rounded(self, seconds: float) -> float:
+        """Return a time in the resolution of the protocol, rounded up; rounded first, or 0.07 s would become 0.08 s."""
+        return min(math.ceil(round(max(seconds, self.SHORTEST) * 100, 6)) / 100, self.LONGEST)
 
     def undo(self) -> None:
         """Remove the last pose. No effect without one."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, TypeAlias
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 from msgspec import Meta, Struct
 
@@ -15,11 +16,14 @@ from servolink.project import (
     Diagnostic,
     Figure,
     Mirror,
+    PoseRecorder,
     Project,
     ProjectFile,
+    extend_project,
     preflight,
     validate_project,
 )
+from servolink.protocol import Action, Macro, record_to_json
 from servolink.studio.studio_methods import METHODS, PageCaller
 from servolink.support import computed, write_json
 
@@ -63,8 +67,12 @@ class BackupNumber(Struct, forbid_unknown_fields=True):
     number: Annotated[int, Meta(ge=0)]
 
 
-ById: TypeAlias = dict[Annotated[str, Meta(pattern="^-?[0-9]{1,10}$")], Annotated[str, Meta(max_length=256)]]
+Id: TypeAlias = Annotated[str, Meta(pattern="^-?[0-9]{1,10}$")]
+ById: TypeAlias = dict[Id, Annotated[str, Meta(max_length=256)]]
 """Captions by id."""
+T = TypeVar("T")
+
+_CAPTION_BYTES = 32
 
 
 class Sides(Struct, forbid_unknown_fields=True):
@@ -73,6 +81,42 @@ class Sides(Struct, forbid_unknown_fields=True):
     captions: ById
     """Captions of the servos."""
     figure: Figure | None = None
+
+
+class LessonPose(Struct, forbid_unknown_fields=True):
+    """Pose taken by hand."""
+
+    degrees: dict[Id, Annotated[int, Meta(ge=-0x7FFF, le=0x7FFF)]]
+    """Angles by servo id."""
+    seconds: Annotated[float, Meta(ge=0)]
+    """Time since the pose before."""
+
+
+class PoseFilm(Struct, forbid_unknown_fields=True):
+    """Film of poses, to become an action for each pose, and with several poses a macro."""
+
+    name: str
+    poses: Annotated[list[LessonPose], Meta(max_length=1000)]
+    start: dict[Id, int]
+    """Pose before the first one, degrees by servo id."""
+    caps: dict[Id, Annotated[float, Meta(gt=0)]]
+    """Highest speed of each servo in the poses, degrees per second."""
+    actions: ById
+    """Captions of the actions that exist, likewise `macros`."""
+    macros: ById
+
+
+class LessonMade(Struct, frozen=True):
+    """Times and records of a lesson."""
+
+    seconds: tuple[float, ...]
+    """Time for each pose, at least the one in `least_seconds`."""
+    least_seconds: tuple[float, ...]
+    refusal: Literal["", "name_long", "name_taken"]
+    """Reason why there are no records."""
+    actions: tuple[Any, ...] = ()
+    """Records in the form of project files, likewise `macros`."""
+    macros: tuple[Any, ...] = ()
 
 
 class Images(Struct, frozen=True):
@@ -85,8 +129,39 @@ class Images(Struct, frozen=True):
 @computed
 def images(caller: PageCaller, params: Sides) -> Images:
     """Return the mirror image of each servo that has one."""
-    captions = {int(servo_id): caption for servo_id, caption in params.captions.items()}
-    return Images(Mirror.images(params.figure, captions))
+    return Images(Mirror.images(params.figure, _by_id(params.captions)))
+
+
+@METHODS.add("project.lesson", Role.WATCH, touches=Touches.NOTHING)
+@computed
+def lesson(caller: PageCaller, params: PoseFilm) -> LessonMade:
+    """Return the times of poses taken by hand, and the records made of them. ProjectError if no board stores them."""
+    recorder = PoseRecorder(params.name, _by_id(params.start), 0, speed_cap=_by_id(params.caps))
+    least, now = [], 0.0
+    for pose in params.poses:
+        least.append(recorder.least_seconds(_by_id(pose.degrees)))
+        now += pose.seconds
+        recorder.take(_by_id(pose.degrees), now)
+    seconds = tuple(pose.seconds for pose in recorder.poses)
+    before = Project(
+        actions=tuple(Action(*each) for each in _by_id(params.actions).items()),
+        macros=tuple(Macro(*each) for each in _by_id(params.macros).items()),
+    )
+    number = f" {len(seconds)}" if len(seconds) > 1 else ""
+    if len(f"{params.name}{number}".encode(errors="replace")) > _CAPTION_BYTES:
+        return LessonMade(seconds, tuple(least), "name_long")
+    try:
+        PoseRecorder.refuse_duplicate(before, params.name)
+    except ProjectError:
+        return LessonMade(seconds, tuple(least), "name_taken")
+    after = extend_project(before, recorder.record()) if seconds and params.name else before
+    actions = [record_to_json(one) for one in after.actions if one not in before.actions]
+    macros = [record_to_json(one) for one in after.macros if one not in before.macros]
+    return LessonMade(seconds, tuple(least), "", tuple(actions), tuple(macros))
+
+
+def _by_id(values: Mapping[str, T]) -> dict[int, T]:
+    return {int(number): value for number, value in values.items()}
 
 
 @METHODS.add("studio.file.read", Role.WATCH, touches=Touches.NOTHING)

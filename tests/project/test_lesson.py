@@ -47,6 +47,15 @@ def test_a_pose_is_never_faster_than_the_cap() -> None:
     assert hasty.take({1: 89, 2: -180}, 9999.0).seconds == PoseRecorder.LONGEST
 
 
+def test_each_servo_has_its_own_cap_and_counts_from_its_latest_angle() -> None:
+    lesson = PoseRecorder("Wave", {1: 0, 2: 0}, 0.0, speed_cap={1: 90, 2: 45})
+    assert lesson.least_seconds({1: 90, 2: 90}) == 2.0
+    lesson.take({1: 90}, 1.0)
+    assert lesson.least_seconds({1: 90, 2: 90}) == 2.0
+    assert lesson.least_seconds({1: 0}) == 1.0
+    assert lesson.least_seconds({3: 500}) == PoseRecorder.SHORTEST
+
+
 def test_times_can_be_set() -> None:
     even = lesson(seconds=0.5)
     assert even.take({1: 10}, 107.0).seconds == 0.5

@@ -37,6 +37,48 @@ def test_a_page_asks_for_the_images_of_servos() -> None:
     run(test)
 
 
+LESSON = {"name": "Wave", "start": {"2": 0}, "caps": {"2": 90}, "actions": {"1": "Old"}, "macros": {}}
+
+
+def test_poses_taken_by_hand_get_times_and_become_records() -> None:
+    async def test(place: Place) -> None:
+        poses = [{"degrees": {"2": 90}, "seconds": 0.2}, {"degrees": {"2": 45}, "seconds": 2.5}]
+        made = (await called(place, "project.lesson", poses=poses, **LESSON))["result"]
+        assert (made["seconds"], made["least_seconds"], made["refusal"]) == ([1, 2.5], [1, 0.5], "")
+        assert [(one["action_id"], one["action_caption"]) for one in made["actions"]] == [(2, "Wave 1"), (3, "Wave 2")]
+        assert made["actions"][0]["steps"] == [{"servo_id": 2, "degree": 90, "interval_ms": 1000}]
+        (macro,) = made["macros"]
+        assert [(one["action_id"], one["total_interval_ms"]) for one in macro["commands"]] == [(2, 1000), (3, 2500)]
+        (only,) = (await called(place, "project.lesson", poses=poses[:1], **LESSON))["result"]["actions"]
+        assert only["action_caption"] == "Wave"
+        nothing = (await called(place, "project.lesson", poses=[], **LESSON))["result"]
+        assert (nothing["actions"], nothing["macros"]) == ([], [])
+
+    run(test)
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "refusal"),
+    [
+        ("Old", 1, "name_taken"),
+        ("Wave 2", 1, ""),
+        ("N" * 32, 1, ""),
+        ("N" * 33, 1, "name_long"),
+        ("N" * 30, 9, ""),
+        ("N" * 31, 9, "name_long"),
+        ("\u7eff" * 10, 9, ""),
+        ("\u7eff" * 11, 9, "name_long"),
+    ],
+)
+def test_the_name_of_a_lesson_must_be_free_and_leave_room_for_the_number(name: str, count: int, refusal: str) -> None:
+    async def test(place: Place) -> None:
+        poses = [{"degrees": {"2": at}, "seconds": 1} for at in range(count)]
+        answer = await called(place, "project.lesson", **{**LESSON, "poses": poses, "name": name})
+        assert answer["result"]["refusal"] == refusal
+
+    run(test)
+
+
 def test_a_file_is_read_and_written_as_the_command_line_does() -> None:
     async def test(place: Place) -> None:
         project = (await called(place, "studio.file.read", text=TEXT))["result"]["project"]

@@ -17,6 +17,7 @@ const fitting = await import(`${state}fitting.js`);
 const buttons = await import(`${state}button-events.js`);
 const toasts = await import(`${state}toasts.js`);
 const view = await import(`${state}view.js`);
+const { followLibrary } = await import(`${state}library.js`);
 const { released } = await import(`${state}limp.js`);
 const { draft, stored, undo } = await import(`${state}project.js`);
 const { boardState, history, lease, linkState, readAt, servoIds, servos, welcome } = await import(`${state}robot.js`);
@@ -24,6 +25,7 @@ const { ownFigure } = await import(`${state}figure.js`);
 
 const mine = { session: "mine", who: "a page", since: 0, dead_man: 3 };
 const link = new FakeLink(); // one for all: what is taught keeps its link
+followLibrary(link);
 
 /** Let the servos report angles. */
 function report(angles, is_hold = true) {
@@ -288,12 +290,33 @@ test("limbs are released, posed, held and saved as an action", async () => {
   assert.equal(teaching.film.value.length, 1);
   assert.equal(JSON.parse(sessionStorage.getItem("servolink.taught")).length, 1);
   teaching.choosePose(null);
+  const answer = async (more) => {
+    const { params, resolve } = link.taken("project.lesson");
+    resolve({ seconds: [0.5], least_seconds: [0.3], refusal: "", actions: [], macros: [], ...more });
+    await turns();
+    return params;
+  };
+  const first = await answer({});
+  assert.deepEqual(first.poses.map((pose) => pose.degrees), [{ 1: 10, 2: 20 }]); // prettier-ignore
+  assert.deepEqual(
+    [first.start, first.actions],
+    [
+      { 1: 10, 2: 20 },
+      { 1: "up", 2: "down" },
+    ],
+  );
+  assert.deepEqual([teaching.film.value[0].seconds, teaching.leastOf(0)], [0.5, 0.3]);
   teaching.nameLesson(" up ");
+  assert.equal((await answer({ refusal: "name_taken" })).name, "up");
   assert.equal(teaching.problem.value, "teach.name_taken");
+  assert.equal(teaching.maySave.value, false);
   teaching.nameLesson("salute");
+  await answer({});
   assert.equal(JSON.parse(sessionStorage.getItem("servolink.taught_name")), "salute");
   const saving = teaching.saveLesson();
   for (let request; (request = link.taken("servo.set")); await turns()) request.resolve({});
+  const salute = { action_id: 3, action_caption: "salute", steps: [] };
+  await answer({ actions: [salute] });
   await saving;
   assert.equal(released.value.size, 0);
   assert.deepEqual([draft.value.actions.at(-1).action_caption, view.chosenAction.value], ["salute", 3]);
@@ -312,9 +335,10 @@ test("released servos are forgotten when somebody else holds them", async () => 
   assert.equal(teaching.isLimp.value, false);
 });
 
-test("the preview of a film moves from pose to pose and ends", () => {
+test("the preview of a film moves from pose to pose and ends", async () => {
   const taken = (angle) => ({ pose: { 1: angle }, ids: [1], seconds: 1, at: 0 });
-  teaching.film.value = [taken(0), taken(90)];
+  sessionStorage.setItem("servolink.taught", JSON.stringify([taken(0), taken(90)]));
+  const teaching = await import(`${state}teaching.js?again`);
   teaching.togglePreview();
   const begin = performance.now();
   frame(begin + 1500);

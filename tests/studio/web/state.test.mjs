@@ -56,7 +56,10 @@ test("rings keep the last minute, and a servo that is missing leaves a gap", () 
 test("values that cannot be true leave a gap in the rings of their servo only", () => {
   const history = new History();
   const values = { angle: 7, current_raw: 1, temperature_raw: 2 };
-  history.add(0, [{ servo_id: 1, ...values }, { servo_id: 2, ...values, doubt: "not measured" }]);
+  history.add(0, [
+    { servo_id: 1, ...values },
+    { servo_id: 2, ...values, doubt: "not measured" },
+  ]);
   for (const [quantity, value] of Object.entries(values)) {
     assert.equal(history.of(1)[quantity][0], value);
     assert.ok(Number.isNaN(history.of(2)[quantity][0]));

@@ -88,6 +88,18 @@ export function withRecord(project, kind, record) {
 }
 
 /**
+ * Return the project with records that the library has made.
+ * @param {Project} project
+ * @param {{ actions: Action[], macros: Macro[] }} made
+ * @returns {Project}
+ */
+export const withMade = (project, { actions, macros }) =>
+  macros.reduce(
+    (after, one) => withRecord(after, "macros", one),
+    actions.reduce((after, one) => withRecord(after, "actions", one), project),
+  );
+
+/**
  * Return the project without an action, and without the commands that run it.
  * @param {Project} project
  * @param {number} id

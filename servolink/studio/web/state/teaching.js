@@ -4,17 +4,21 @@ import { computed, effect, signal } from "../html.js";
 import { safeText } from "../parts/safe-text.js";
 import { t } from "../texts/text.js";
 import { limbs } from "./figure.js";
-import { leastSeconds, poseAt, totalOf, whyNot, withLesson, withPose, withSeconds } from "./lesson.js";
+import { lessonOf, poseAt, rounded, totalOf } from "./film.js";
+import { answered, ask } from "./library.js";
 import { capOf } from "./limits.js";
 import { Limp, released } from "./limp.js";
 import { draft, edit } from "./project.js";
 import { actualPose, isLive, isOthers, mayMove, servoIds } from "./robot.js";
 import { forWindow } from "./storage.js";
+import { withMade } from "./records.js";
 import { editToast, toast } from "./toasts.js";
 import { chooseAction, chooseMacro } from "./view.js";
 
-/** @typedef {import("./lesson.js").Taken} Taken */
-/** @typedef {import("./lesson.js").Start} Start */
+/** @typedef {import("./film.js").Taken} Taken */
+/** Where the servos were released. @typedef {{ pose: Pose, at: number }} Start */
+/** @typedef {import("../figure/figure.js").Pose} Pose */
+/** @typedef {{ seconds: number[], least_seconds: number[], refusal: "" | "name_long" | "name_taken", actions: any[], macros: any[] }} Lesson */
 /** @typedef {import("../link/link.js").Link} Link */
 
 const KEY = "servolink.taught",
@@ -25,8 +29,7 @@ const NOWHERE = { pose: {}, at: -Infinity };
 
 /** The limbs that may go limp. */
 export const chosenLimbs = signal(/** @type {ReadonlySet<string>} */ (new Set()));
-/** Film of the poses taken so far, kept across reloads. */
-export const film = signal(
+const taken = signal(
   read(KEY, /** @type {Taken[]} */ ([])).map((taken) => ({ ...taken, at: -1 })), // of another clock: before new poses
 );
 /** The pose of the film that is shown beside the robot, by its index. */
@@ -44,23 +47,37 @@ export const chosenIds = computed(() =>
 export const isLimp = computed(() => released.value.size > 0);
 /** Whether this page may release limbs now. */
 export const mayRelease = computed(() => isLive.value && mayMove.value && !isOthers.value);
-/** Reason why the poses cannot be saved under this name, empty if there is none. */
-export const problem = computed(() =>
-  draft.value === null || name.value.trim() === "" ? "" : whyNot(draft.value, name.value.trim(), film.value.length),
-);
-/** Whether the film and its name can become records. */
-export const maySave = computed(
-  () => draft.value !== null && film.value.length > 0 && name.value.trim() !== "" && problem.value === "",
-);
-
-let start = NOWHERE;
+const start = signal(NOWHERE);
 /** @type {Limp | null} */
 let limp = null;
 
 const caps = () => Object.fromEntries(servoIds.value.map((id) => [id, Math.min(GENTLE, capOf(id))]));
 const now = () => performance.now() / 1000;
 
-effect(() => keep(KEY, film.value));
+const question = () => lessonOf(name.value.trim(), taken.value, start.value.pose, caps(), draft.value);
+const lesson = answered(
+  "project.lesson",
+  () => (taken.value.length > 0 || name.value.trim() !== "" ? question() : null),
+  /** @type {Lesson} */ ({ seconds: [], least_seconds: [], refusal: "", actions: [], macros: [] }),
+);
+
+/** Film of the poses taken so far, kept across reloads. */
+export const film = computed(() =>
+  taken.value.map((one, at) => ({ ...one, seconds: lesson.value.seconds[at] ?? one.seconds })),
+);
+/** Reason why the poses cannot be saved under this name, as the key of a text; empty if there is none. */
+export const problem = computed(() => {
+  const { refusal } = lesson.value;
+  return refusal === "" || draft.value === null || name.value.trim() === ""
+    ? ""
+    : /** @type {const} */ (`teach.${refusal}`);
+});
+/** Whether the film and its name can become records. */
+export const maySave = computed(
+  () => draft.value !== null && taken.value.length > 0 && name.value.trim() !== "" && problem.value === "",
+);
+
+effect(() => keep(KEY, taken.value));
 effect(() => keep(NAME, name.value));
 
 /** @param {Link} link */
@@ -86,7 +103,7 @@ export function toggleLimb(limb) {
  */
 export async function releaseLimbs(link) {
   if (!mayRelease.value || isLimp.value || chosenIds.value.length === 0) return false;
-  start = { pose: actualPose(), at: now() };
+  start.value = { pose: actualPose(), at: now() };
   chosenPose.value = null;
   try {
     await limpOf(link).release(chosenIds.value);
@@ -104,14 +121,16 @@ export async function holdAgain() {
 /** Take the pose in which the limp limbs are. */
 export function takePose() {
   if (!isLimp.value || !isLive.value) return;
-  film.value = withPose(film.value, start, { pose: actualPose(), ids: [...released.value.keys()], at: now() }, caps());
-  chosenPose.value = film.value.length - 1;
+  const at = now(),
+    seconds = at - Math.max(start.value.at, taken.value.at(-1)?.at ?? -Infinity);
+  taken.value = [...film.value, { pose: rounded(actualPose()), ids: [...released.value.keys()], at, seconds }];
+  chosenPose.value = taken.value.length - 1;
 }
 
 /** Forget the pose that was taken last. */
 export function forgetLast() {
-  film.value = film.value.slice(0, -1);
-  chosenPose.value = film.value.length > 0 ? film.value.length - 1 : null;
+  taken.value = film.value.slice(0, -1);
+  chosenPose.value = taken.value.length > 0 ? taken.value.length - 1 : null;
 }
 
 /**
@@ -131,13 +150,13 @@ export function nameLesson(text) {
  * Return the pose before one of the film.
  * @param {number} at
  */
-export const poseBefore = (at) => film.value[at - 1]?.pose ?? start.pose;
+export const poseBefore = (at) => film.value[at - 1]?.pose ?? start.value.pose;
 
 /**
  * Return the least time for a pose of the film, seconds.
  * @param {number} at
  */
-export const leastOf = (at) => leastSeconds(poseBefore(at), film.value[at], caps());
+export const leastOf = (at) => lesson.value.least_seconds[at] ?? 0;
 
 /**
  * Set the time for a pose.
@@ -145,26 +164,33 @@ export const leastOf = (at) => leastSeconds(poseBefore(at), film.value[at], caps
  * @param {number} seconds
  */
 export function setSeconds(at, seconds) {
-  film.value = withSeconds(film.value, at, seconds);
+  taken.value = film.value.with(at, { ...film.value[at], seconds });
 }
 
 /** Hold the limbs, then add the poses to the draft. */
 export async function saveLesson() {
   await holdAgain();
   const caption = name.value.trim(),
-    poses = film.value;
+    project = draft.value;
   if (!maySave.value || isLimp.value) return;
-  edit(["teach.did_save", { name: safeText(caption) }], (project) => {
-    const made = withLesson(project, caption, poses);
-    chooseAction(made.actionId);
-    if (made.macroId !== null) chooseMacro(made.macroId);
-    return made.project;
-  });
-  const detail = poses.length > 1 ? t("teach.saved_macro", { count: poses.length }) : t("teach.saved_action");
+  /** @type {Lesson} */
+  const made = await ask("project.lesson", question()).catch(sayNotSaved);
+  if (made === undefined || made.refusal !== "") return; // the screen shows why
+  if (draft.value !== project) return saveLesson(); // edited meanwhile, so that other ids are free
+  edit(["teach.did_save", { name: safeText(caption) }], (before) => withMade(before, made));
+  chooseAction(made.actions[0].action_id);
+  if (made.macros.length > 0) chooseMacro(made.macros[0].macro_id);
+  const count = made.actions.length,
+    detail = count > 1 ? t("teach.saved_macro", { count }) : t("teach.saved_action");
   editToast({ title: t("teach.saved", { name: safeText(caption) }), detail });
-  film.value = [];
+  taken.value = [];
   chosenPose.value = null;
   name.value = "";
+}
+
+/** @param {unknown} error */
+function sayNotSaved(error) {
+  toast({ kind: "bad", title: t("note.problem"), detail: error instanceof Error ? safeText(error.message) : "" });
 }
 
 /** Return the pose of the figure in the preview, null without one. */

@@ -2,8 +2,10 @@
 
 import { saveBytes } from "../../parts/save-bytes.js";
 import { LENGTH, QUANTITIES } from "../../state/history.js";
-import { SHORTEST, whyNot, withLesson } from "../../state/lesson.js";
+import { lessonOf, rounded } from "../../state/film.js";
+import { ask } from "../../state/library.js";
 import { draft, edit } from "../../state/project.js";
+import { withMade } from "../../state/records.js";
 import { frozen, marks, plotted, say, status } from "../../state/recording.js";
 import { history } from "../../state/robot.js";
 import { editToast, toast } from "../../state/toasts.js";
@@ -13,6 +15,7 @@ import { t } from "../../texts/text.js";
 /** @typedef {import("../../state/history.js").History} History */
 
 const FIRST = 0.5; // seconds to the first pose
+const MOST_NAMES = 99;
 
 /**
  * Save the file of the hub, as far as it is written.
@@ -59,25 +62,28 @@ export function tableOf(from, ids) {
 }
 
 /** Add an action for each marked pose to the draft, and the macro that plays them. */
-export function makeActions() {
+export async function makeActions() {
   const film = marks.value.map(({ pose, time }, at) => ({
-    pose: Object.fromEntries(Object.entries(pose).map(([id, angle]) => [id, Math.round(angle)])),
+    pose: rounded(pose),
     ids: plotted.value.filter((id) => id in pose),
-    seconds: at === 0 ? FIRST : Math.max(SHORTEST, Math.ceil((time - marks.value[at - 1].time) * 100) / 100),
+    seconds: at === 0 ? FIRST : time - marks.value[at - 1].time,
     at: time,
   }));
   if (film.length === 0 || draft.value === null)
     return toast({ title: t("record.no_marks"), detail: t("record.no_marks_detail") });
-  const name = freeName(film.length);
-  edit(["teach.did_save", { name }], (project) => withLesson(project, name, film).project);
-  editToast({ title: t("teach.saved", { name }), detail: t("record.actions_made", { count: film.length }) });
+  const project = draft.value;
+  try {
+    for (let number = 1; number <= MOST_NAMES; number++) {
+      const name = number === 1 ? t("record.action") : `${t("record.action")} ${number}`;
+      const made = await ask("project.lesson", lessonOf(name, film, {}, {}, project));
+      if (made.refusal !== "") continue;
+      if (draft.value !== project) return makeActions(); // edited meanwhile, so that other ids are free
+      edit(["teach.did_save", { name }], (before) => withMade(before, made));
+      editToast({ title: t("teach.saved", { name }), detail: t("record.actions_made", { count: film.length }) });
+      return undefined;
+    }
+  } catch (error) {
+    say(error);
+  }
   return undefined;
-}
-
-/** @param {number} count */
-function freeName(count) {
-  const names = Array.from({ length: 99 }, (_, at) =>
-    at === 0 ? t("record.action") : `${t("record.action")} ${at + 1}`,
-  );
-  return names.find((name) => draft.value !== null && whyNot(draft.value, name, count) === "") ?? names[0];
 }

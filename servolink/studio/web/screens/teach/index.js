@@ -9,7 +9,7 @@ import { FigureStage } from "../../parts/stage.js";
 import { ViewChoice } from "../../parts/view-choice.js";
 import { heard } from "../../state/button-events.js";
 import { figure, limbName, limbOf, limbs } from "../../state/figure.js";
-import { LONGEST, totalOf } from "../../state/lesson.js";
+import { LONGEST, totalOf } from "../../state/film.js";
 import { released } from "../../state/limp.js";
 import { open } from "../../state/project.js";
 import { actualPose, isLive, servoIds, servos } from "../../state/robot.js";
