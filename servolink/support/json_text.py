@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from codecs import BOM_UTF8
 from collections import Counter
 from typing import Any, NamedTuple, NoReturn
 
@@ -25,7 +26,8 @@ def read_json(text: str | bytes) -> Any:
     if len(text) > MAX_SIZE:
         raise ValueError(f"is larger than {MAX_SIZE >> 20} MiB, the limit")
     try:
-        plain = text if isinstance(text, str) else text.decode("utf-8-sig")
+        # Not by "utf-8-sig": Python reads a file for that codec, and a full process could not hear a stop.
+        plain = text if isinstance(text, str) else text.removeprefix(BOM_UTF8).decode()
     except UnicodeDecodeError as error:
         raise ValueError(reason(error)) from error
     repeated: list[_Repeated] = []

@@ -6,6 +6,7 @@ Module: servolink.hub.serving.
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 import signal
 import socket
@@ -14,6 +15,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -99,6 +101,26 @@ def test_two_hubs_share_neither_a_name_nor_a_board(port: str) -> None:
         assert f"{port} is {shared}: use share://rex" in board_taken.err
         assert f"It is {shared}: use share://rex" in port_taken.err
         assert {name_taken.code, board_taken.code, port_taken.code} == {3}
+
+
+def leave_open_files(pid: int, count: int) -> None:
+    """Let a program open `count` files more than it has open."""
+    resource = pytest.importorskip("resource", reason="limits of open files are those of Unix")
+    if not hasattr(resource, "prlimit"):
+        pytest.skip("only Linux changes the limits of a running program")
+    used = {int(each.name) for each in Path(f"/proc/{pid}/fd").iterdir()}
+    most = next(most for most in itertools.count(len(used)) if len(used & {*range(most)}) == most - count)
+    resource.prlimit(pid, resource.RLIMIT_NOFILE, (most, most))
+
+
+def test_a_hub_with_two_open_files_left_hears_one_stop_after_the_other(port: str) -> None:
+    with process("share", "--board", port, "--name", "rex") as (hub, url):
+        leave_open_files(hub.pid, 2)
+        for _ in range(2):
+            said = program("--board", url, "stop")
+            assert said.code == 0, said.err
+            assert "all 3 servos report that they are stopped and held" in said.out
+        assert "was disconnected" not in finished(hub, signal.SIGINT).err
 
 
 @pytest.mark.skipif("os.geteuid() != 0", reason="only root can be another user for a while")

@@ -131,7 +131,7 @@ def is_same_user(connection: socket.socket) -> bool:
     """Return whether the peer of a Unix socket is the same user or root; True if the system cannot tell."""
     if (
         sys.platform == "win32"
-        or not has_unix_sockets()
+        or sys.platform == "emscripten"
         or connection.family != socket.AF_UNIX
         or not hasattr(socket, "SO_PEERCRED")
     ):

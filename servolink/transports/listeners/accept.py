@@ -20,7 +20,7 @@ Serve: TypeAlias = Callable[[socket.socket, Stranger], Coroutine[Any, Any, None]
 OSError means that the client is gone already. To make room, the task of a stranger is cancelled, and must end at once.
 """
 
-_ACCEPT_PAUSE = 1.0  # seconds between attempts while no connection can be accepted
+_ACCEPT_PAUSE = 0.1  # seconds between attempts while no connection can be accepted: a stop may be waiting
 _WARNING_PAUSE = 60.0  # seconds between two warnings of the same
 _SEND_BUFFER = 64 * 1024  # bytes in the system; its default gives MiB to each client that does not read
 _logger = logging.getLogger(__name__)
@@ -71,7 +71,7 @@ async def _accept(listening: socket.socket, strangers: Strangers, start: Callabl
         try:
             connection, _ = await loop.sock_accept(listening)
         except OSError as error:  # out of descriptors or memory: clients wait in the system until others have gone
-            warning.log("no connection can be accepted, trying again each second: %s", escape(str(error)))
+            warning.log("no connection can be accepted, trying again: %s", escape(str(error)))
             await asyncio.sleep(_ACCEPT_PAUSE)
             continue
         try:

@@ -105,7 +105,7 @@ def test_connections_that_cannot_be_accepted_are_told_once_and_accepted_later(
     asyncio.run(main())
     assert not failing
     assert [record.getMessage() for record in caplog.records] == [
-        "no connection can be accepted, trying again each second: [Errno 24] Too many open files"
+        "no connection can be accepted, trying again: [Errno 24] Too many open files"
     ]
 
 
