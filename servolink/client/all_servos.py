@@ -122,6 +122,12 @@ class KnownServos:
         self._look()
         return any((servo_id, unit_of(servo_id)) not in self._readings for servo_id in servo_ids)
 
+    def doubtful(self, unit_of: _UnitOf) -> frozenset[int]:
+        """Return the servos whose latest reading cannot be true, in the units of `unit_of`."""
+        self._look()
+        readings = self._readings.items()
+        return frozenset(servo_id for (servo_id, unit), (_, doubt) in readings if doubt and unit == unit_of(servo_id))
+
     def check_readings(self, servo_ids: Iterable[int], unit_of: _UnitOf, limits: MotionLimits) -> None:
         """Raise MotionRefused for a servo whose latest reading cannot be true: where it would start is not known.
 

@@ -378,7 +378,8 @@ class Board:
             wait: Whether to wait until the servos are within 2 degrees of their targets.
             dry_run: Whether to check and return the duration, and send nothing.
             start: Whether to start and hold servos first that are stopped or released.
-            any_angle: Whether angles beyond ±360 degrees are sent to servos without `angle_limits`.
+            any_angle: Whether angles beyond ±360 degrees are sent to servos without `angle_limits`, and servos moved
+                whose readings cannot be true.
 
         Raises:
             NotFound: The board has no such servo.
@@ -430,23 +431,30 @@ class Board:
         """
         return self._servos.follow(targets, as_number(seconds), settle=settle)
 
-    async def run_action(self, action_id: int | str, *, wait: bool = False, dry_run: bool = False) -> float:
+    async def run_action(
+        self, action_id: int | str, *, wait: bool = False, dry_run: bool = False, any_angle: bool = False
+    ) -> float:
         """Run a stored action (3.2.6), and return its duration in seconds.
 
-        Returns when the command is sent, as the board does not answer it. A cancelled wait stops nothing.
+        Returns when the command is sent, as the board does not answer it. A cancelled wait stops nothing. The servos
+        are read once before.
 
         Args:
             action_id: Id or caption.
             wait: Whether to wait until the duration is over and the servos rest at their last angles.
             dry_run: Whether to check and return the duration, and send nothing.
+            any_angle: Whether servos are moved whose readings cannot be true.
 
         Raises:
             NotFound: The board has no such action.
-            MotionRefused: A step is beyond a limit (see `Board`). Nothing moved.
+            MotionRefused: A step is beyond a limit (see `Board`), or a servo in the run reports values that cannot be
+                true. Nothing moved.
             TargetNotReached: With `wait`, servos are not within 2 degrees of their last angles a second after the end.
             RequestRefused: A stop ended the run.
         """
-        return await self._runs.run_action(action_id, wait=wait, dry_run=dry_run, ticket=self._ticket)
+        return await self._runs.run_action(
+            action_id, wait=wait, dry_run=dry_run, any_angle=any_angle, ticket=self._ticket
+        )
 
     async def play(
         self,
@@ -530,25 +538,30 @@ class Board:
         """Delete a stored macro (3.3.8). Raise Rejected if there is none."""
         await self._records.delete(MACRO, macro_id)
 
-    async def run_macro(self, macro_id: int | str, *, wait: bool = False, dry_run: bool = False) -> None:
+    async def run_macro(
+        self, macro_id: int | str, *, wait: bool = False, dry_run: bool = False, any_angle: bool = False
+    ) -> None:
         """Start a macro that is stored on the board (3.3.9).
 
-        Returns when the board has answered. Without limits, `wait` and `dry_run`, only the list of macros is read
-        first; otherwise all records in the run. Each step is checked at the speed that its ratios give.
+        Returns when the board has answered. Without limits, `wait` and `dry_run`, only the list of macros and once
+        the servos are read first; otherwise all records in the run. Each step is checked at the speed that its ratios
+        give.
 
         Args:
             macro_id: Id or caption.
             wait: Whether to wait for the end of the motion, as `run_action` does.
             dry_run: Whether to check only, and send nothing.
+            any_angle: Whether servos are moved whose readings cannot be true.
 
         Raises:
             NotFound: The board has no such macro, or a record in the run is missing.
             Rejected: The board does not start the macro.
-            MotionRefused: A step is beyond a limit, or with limits, the macro runs itself. Nothing moved.
+            MotionRefused: A step is beyond a limit, a servo in the run reports values that cannot be true, or with
+                limits, the macro runs itself. Nothing moved.
             TargetNotReached: With `wait`, servos are not within 2 degrees of their last angles a second after the end.
             RequestRefused: A stop ended the run.
         """
-        await self._runs.run_macro(macro_id, wait=wait, dry_run=dry_run, ticket=self._ticket)
+        await self._runs.run_macro(macro_id, wait=wait, dry_run=dry_run, any_angle=any_angle, ticket=self._ticket)
 
     async def servo_parameters(self) -> tuple[ServoParameter, ...]:
         """Return caption and angle correction of each servo (3.3.10); empty also after an error on the board."""

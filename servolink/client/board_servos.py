@@ -81,6 +81,7 @@ class ServoController:
         self.soft_start: SoftStart = SoftStart(session) if shared is None else shared.soft_start
         self.planner = planner
         self._session = session
+        self._read_after: tuple[int, int] | None = None  # losses and units sent before the reading of `doubtful`
 
     @property
     def connection(self) -> Connection:
@@ -97,6 +98,15 @@ class ServoController:
     async def servos(self) -> tuple[Servo, ...]:
         """Return the state of all servos (3.2.2)."""
         return await self._read(ALL_SERVOS)
+
+    async def doubtful(self) -> frozenset[int]:
+        """Return the servos whose latest reading cannot be true. All are read once for a connection; no unit is set."""
+        unit_of, read_after = self.units.current.of, (self._session.losses, self._session.connection.units_sent)
+        if self._read_after != read_after:
+            self._read_after = read_after
+            with suppress(RequestTimeout, DecodeError):  # a board may move servos without reporting them
+                await self._read(ALL_SERVOS, unit_of)
+        return self.known.doubtful(unit_of)
 
     async def servo(self, which: int | str) -> Servo:
         """Return the state of a servo (3.2.2). Raise NotFound for a missing servo."""
@@ -318,17 +328,18 @@ class ServoController:
                 doubt = f"servos {moving} report that they may still move or are not held"
         raise OutcomeUnknown(f"a stop was sent {_STOP_TRIES} times and could not be confirmed: {doubt}", request)
 
-    async def _read(self, servo_id: int) -> tuple[Servo, ...]:
-        """Return a servo or all servos (255), with angles in the reported unit."""
+    async def _read(self, servo_id: int, unit_of: Callable[[int], AngleUnit | None] | None = None) -> tuple[Servo, ...]:
+        """Return a servo or all servos (255), with angles in the reported unit, which is set first if not given."""
         while True:
-            await self.units.ensure()
+            if unit_of is None:
+                await self.units.ensure()
             connection = self._session.connection
             units_sent = connection.units_sent
             states = await self.all.states(servo_id)
             # After a unit sent during the query, the unit of the response is unknown: read again.
             if units_sent == connection.units_sent:
-                servos = servos_of_states(states, self.units.of)
-                self.known.take_readings({each.servo_id: (each.angle, each.doubt) for each in servos}, self.units.of)
+                servos = servos_of_states(states, unit_of := unit_of or self.units.of)
+                self.known.take_readings({each.servo_id: (each.angle, each.doubt) for each in servos}, unit_of)
                 return servos
 
     async def _planned(self, movement: Movement, planner: MotionPlanner) -> tuple[MotionPlan, set[int]]:

@@ -86,10 +86,10 @@ class Playing:
                 raise
 
         if start and not dry_run:  # no servo is started for a refused run
-            run, _ = await self._runs.prepare(read, ticket, wait=True, dry_run=True)
+            run, _ = await self._runs.prepare(read, ticket, wait=True, dry_run=True, any_angle=any_angle)
             for servo_id in await self._servos.all.ready(run.servo_ids(), start=True):
                 await self._servos.set_servo(servo_id, start=True, hold=True, ticket=ticket)
-        run, ticket = await self._runs.prepare(read, ticket, wait=True, dry_run=dry_run)
+        run, ticket = await self._runs.prepare(read, ticket, wait=True, dry_run=dry_run, any_angle=any_angle)
         if dry_run:
             return run.seconds()
         playback = playback or Playback()

@@ -61,7 +61,7 @@ class RawPackets:
         if isinstance(packet, ExecuteActionRequest):
             await self._servos.send(packet, ticket=ticket)
         else:
-            await self._runs().run_action(packet.action_id, ticket=ticket)
+            await self._runs().run_action(packet.action_id, any_angle=True, ticket=ticket)
 
 
 def _check_each_once(packet: ExecuteActionRequest) -> None:

@@ -46,15 +46,25 @@ class StoredRuns:
         self._interval_unit = servos.planner.interval_unit
 
     async def run_action(
-        self, action: int | str, *, wait: bool = False, dry_run: bool = False, ticket: Ticket | None = None
+        self,
+        action: int | str,
+        *,
+        wait: bool = False,
+        dry_run: bool = False,
+        any_angle: bool = False,
+        ticket: Ticket | None = None,
     ) -> float:
         """Run a stored action and return its duration in seconds (see `Board.run_action`)."""
         connection = self._session.connection
         ticket = ticket or connection.stops.ticket()
         action_id = await self._records.id_of(ACTION, action)
         if self._limits:
-            run, ticket = await self._prepare(ACTION, action_id, ticket, wait=wait, dry_run=dry_run)
-        else:  # read all the same: the board does not answer the command itself, and ignores unknown ids
+            run, ticket = await self._prepare(
+                ACTION, action_id, ticket, wait=wait, dry_run=dry_run, any_angle=any_angle
+            )
+        else:
+            await self._check_start(ACTION, action_id, any_angle=any_angle)
+            # read all the same: the board does not answer the command itself, and ignores unknown ids
             run = await self._read(ACTION, action_id, wait=wait)
         request = ExecuteActionExRequest(action_id)
         if dry_run:
@@ -65,7 +75,13 @@ class StoredRuns:
         return run.seconds()
 
     async def run_macro(
-        self, macro: int | str, *, wait: bool = False, dry_run: bool = False, ticket: Ticket | None = None
+        self,
+        macro: int | str,
+        *,
+        wait: bool = False,
+        dry_run: bool = False,
+        any_angle: bool = False,
+        ticket: Ticket | None = None,
     ) -> None:
         """Start a stored macro (see `Board.run_macro`)."""
         connection = self._session.connection
@@ -73,9 +89,11 @@ class StoredRuns:
         macro_id = await self._records.id_of(MACRO, macro, must_exist=not (self._limits or wait))
         run = None
         if self._limits:
-            run, ticket = await self._prepare(MACRO, macro_id, ticket, wait=wait, dry_run=dry_run)
-        elif wait or dry_run:
-            run = await self._read(MACRO, macro_id, wait=wait)
+            run, ticket = await self._prepare(MACRO, macro_id, ticket, wait=wait, dry_run=dry_run, any_angle=any_angle)
+        else:
+            await self._check_start(MACRO, macro_id, any_angle=any_angle)
+            if wait or dry_run:
+                run = await self._read(MACRO, macro_id, wait=wait)
         if dry_run:
             return
         request = ExecuteMacroRequest(macro_id)
@@ -101,8 +119,15 @@ class StoredRuns:
         if timeout is not None:
             check_seconds("timeout", timeout)
         connection = self._session.connection
-        _, ticket = await self._prepare(MACRO, packet.macro_id, ticket or connection.stops.ticket())
+        ticket = ticket or connection.stops.ticket()
+        _, ticket = await self._prepare(MACRO, packet.macro_id, ticket, any_angle=True)
         return await connection.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
+
+    async def _check_start(self, kind: RecordType[Any], record_id: int, *, any_angle: bool) -> None:
+        """Raise MotionRefused for a run of servos with readings that cannot be true. The run is read only for such."""
+        if not any_angle and (doubtful := await self._servos.doubtful()):
+            moved = (await self._read(kind, record_id, wait=False)).servo_ids() & doubtful
+            self._servos.known.check_readings(moved, self._servos.units.current.of, self._limits)
 
     async def _read(self, kind: RecordType[Any], record_id: int, *, wait: bool) -> RecordRun:
         """Read the run of a record. Raise RequestRefused if the caller wants to wait for an unknown end."""
@@ -113,18 +138,25 @@ class StoredRuns:
         return run
 
     async def _prepare(
-        self, kind: RecordType[Any], record_id: int, ticket: Ticket, *, wait: bool = False, dry_run: bool = False
+        self, kind: RecordType[Any], record_id: int, ticket: Ticket, **options: bool
     ) -> tuple[RecordRun, Ticket]:
         """Read a record with all records run by it, and prepare the run (see `prepare`)."""
-        return await self.prepare(lambda: self._read(kind, record_id, wait=False), ticket, wait=wait, dry_run=dry_run)
+        return await self.prepare(lambda: self._read(kind, record_id, wait=False), ticket, **options)
 
     async def prepare(
-        self, read: Callable[[], Awaitable[RecordRun]], ticket: Ticket, *, wait: bool = False, dry_run: bool = False
+        self,
+        read: Callable[[], Awaitable[RecordRun]],
+        ticket: Ticket,
+        *,
+        wait: bool = False,
+        dry_run: bool = False,
+        any_angle: bool = False,
     ) -> tuple[RecordRun, Ticket]:
         """Return the run from `read` if allowed to begin now, with a ticket of this check.
 
         Servos in an unknown pose are moved to the first pose of the record. That takes seconds, so everything is read
-        and checked again. Raise MotionRefused for a record that exceeds the limits or cannot be checked.
+        and checked again. Raise MotionRefused for a record that exceeds the limits or cannot be checked, and unless
+        `any_angle`, for servos with readings that cannot be true.
         """
         while True:
             run = await read()
@@ -134,6 +166,8 @@ class StoredRuns:
             _refuse(record, await _first(uncheckable, stored))
             pose = run.first_pose()
             self._check_servos(record, stored, servos)
+            if not any_angle:
+                self._servos.known.check_readings(run.servo_ids(), self._servos.units.of, self._limits)
             active = {servo_id for servo_id in pose if servo_id in servos and _is_active(servos[servo_id])}
             first = self._servos.soft_start.first_moves(active, self._limits)
             start = {servo_id: int(servo.angle) for servo_id, servo in servos.items()}

@@ -24,7 +24,9 @@ _MOST_SERVOS = 255
 
 Servos: TypeAlias = Annotated[int | str, about('an id, a caption, or "all"')]
 _ServoId: TypeAlias = Annotated[int, Meta(ge=0, le=254)]
-AnyAngle = Annotated[bool, about("allow angles beyond ±360 degrees for servos without limits")]
+AnyAngle = Annotated[
+    bool, about("allow angles beyond ±360 degrees for servos without limits, and servos with impossible readings")
+]
 Until: TypeAlias = Annotated[
     float | None,
     about("seconds on the clock of `monotonic`, after which the motion does not begin; null for any time"),
@@ -275,6 +277,7 @@ class Run(Runnable, forbid_unknown_fields=True):
 
     wait: Annotated[bool, about("respond when the motion is over")] = False
     dry_run: Annotated[bool, about("check everything, and move nothing")] = False
+    any_angle: Annotated[bool, about("move servos whose readings cannot be true, too")] = False
     until: Until = None
 
 

@@ -256,7 +256,7 @@ def sent_on_fake(use: Callable[[Board, PipedBoard], Awaitable[Any]], **options: 
     return fake
 
 
-def test_without_limits_only_the_list_of_macros_is_read() -> None:
+def test_without_limits_only_the_list_of_macros_and_once_the_servos_are_read() -> None:
     async def use(board: Board, fake: PipedBoard) -> None:
         assert await board.run_action(1) == 0.5
         await board.run_macro(1)
@@ -267,6 +267,8 @@ def test_without_limits_only_the_list_of_macros_is_read() -> None:
 
     packets = [packet for _, packet in sent_on_fake(use).sent]
     assert packets == [
+        QueryServoRequest(ALL_SERVOS),
+        QueryServoListRequest(),
         QueryActionRequest(1),
         ExecuteActionExRequest(1),
         QueryMacroListRequest(),

@@ -18,6 +18,10 @@ async def by_move(page: RpcProgram, targets: dict[str, float], **options: Any) -
     return await page.call("move", targets=targets, duration=0.1, **options)
 
 
+async def by_run(page: RpcProgram, targets: dict[str, float], **options: Any) -> object:
+    return await page.call("run", type="action", id=1, **options)
+
+
 async def by_stream(page: RpcProgram, targets: dict[str, float], **options: Any) -> object:
     stream = (await page.call("stream.begin", **options))["stream"]
     return await page.call("stream.send", stream=stream, targets=targets)
@@ -67,7 +71,7 @@ async def test_accepted_set_points_of_a_page_ask_the_board_for_nothing() -> None
         assert stats.frames_sent == sent + 20 + stats.fences - fences
 
 
-@DOORS
+@pytest.mark.parametrize("door", [by_move, by_stream, by_run])
 async def test_no_motion_of_a_page_starts_from_a_reading_that_cannot_be_true(door: Door) -> None:
     board = UnitLies()
     async with (
@@ -82,4 +86,5 @@ async def test_no_motion_of_a_page_starts_from_a_reading_that_cannot_be_true(doo
             await door(page, {"1": 30})
         assert board.servos[1].degrees(board.now + 9) == 0
         await door(page, {"1": 530}, any_angle=True)
-        assert board.servos[1].degrees(board.now + 9) == 10
+        await page.call("servos.list")
+        assert board.servos[1].degrees(board.now + 9) == (-160 if door is by_run else 10)

@@ -33,7 +33,9 @@ _WHOLE = re.compile(r"[+-]?[0-9]{1,9}", re.ASCII)
 _FINISHING = "and the servos finish it; `servolink stop` stops them"
 
 
-ANY_ANGLE = flag("--any-angle", "allow angles beyond ±360 degrees for servos without limits")
+ANY_ANGLE = flag(
+    "--any-angle", "allow angles beyond ±360 degrees for servos without limits, and servos with impossible readings"
+)
 LIMITS = (
     group(
         "limits, besides those of `servolink board show`",

@@ -13,7 +13,7 @@ from msgspec import UNSET, UnsetType
 from servolink.cli.arguments import RECORD_NAME
 from servolink.cli.command import MOVE, Command, flag, option
 from servolink.cli.command_session import Interruption, on_board
-from servolink.cli.motion.move import LIMITS, limits_of, make_ready
+from servolink.cli.motion.move import ANY_ANGLE, LIMITS, limits_of, make_ready
 from servolink.cli.motion.servo_output import are, listed, warn_of_missing
 from servolink.cli.screen.live import follow, live_bars
 from servolink.cli.screen.output import print_error
@@ -40,6 +40,7 @@ _OPTIONS = (
     option("record", "NAME", "its caption or id, as in `servolink actions`", RECORD_NAME),
     flag("--wait", "wait until it is over and the servos rest; Ctrl-C then stops them"),
     flag("--start", "start and hold servos that are stopped or released"),
+    ANY_ANGLE,
     *LIMITS,
 )
 
@@ -58,11 +59,11 @@ async def run(args: argparse.Namespace, board: Board, interruption: Interruption
     found = await read_run(board, args.kind, args.record)
     servos = await _prepare(board, interruption, args, found)
     if args.wait:
-        await play(board, interruption, found)
+        await play(board, interruption, found, any_angle=args.any_angle)
     else:
         name = name_of_run(found)
         interruption.state = f"{name} may have been started; `servolink stop` stops the servos"
-        await start_run(board, found)
+        await start_run(board, found, any_angle=args.any_angle)
         interruption.state = f"{name} runs; `servolink stop` stops the servos"
     return _returned(args, found, servos)
 
@@ -83,19 +84,19 @@ MACRO_RUN = ACTION_RUN.changed(
 )
 
 
-async def play(board: Board, interruption: Interruption, found: RecordRun) -> None:
+async def play(board: Board, interruption: Interruption, found: RecordRun, *, any_angle: bool = False) -> None:
     """Run the record and wait for the end. An interruption stops all servos."""
     name = name_of_run(found)
     async with stopped_by_interruption(board, interruption, f"{name} was started", f"{name} was ended"):
-        await start_run(board, found)
+        await start_run(board, found, any_angle=any_angle)
         await _follow(board, found)
     interruption.state = f"{name} is over"
 
 
-async def start_run(board: Board, found: RecordRun, *, dry_run: bool = False) -> None:
+async def start_run(board: Board, found: RecordRun, *, dry_run: bool = False, any_angle: bool = False) -> None:
     """Start the run, or with `dry_run` only check the limits, and return at once."""
     run: Any = board.run_action if isinstance(found.record, Action) else board.run_macro
-    await run(_id(found), dry_run=dry_run)
+    await run(_id(found), dry_run=dry_run, any_angle=any_angle)
 
 
 async def read_run(board: Board, word: str, name: int | str) -> RecordRun:
@@ -113,7 +114,7 @@ async def read_run(board: Board, word: str, name: int | str) -> RecordRun:
 
 async def _prepare(board: Board, interruption: Interruption, args: argparse.Namespace, found: RecordRun) -> _RunServos:
     """Check that the run is possible, and start servos if asked to."""
-    await start_run(board, found, dry_run=True)
+    await start_run(board, found, dry_run=True, any_angle=args.any_angle)
     servos = await board.servos()
     used = [servo for servo in servos if servo.servo_id in found.servo_ids()]
     here = sorted(servo.servo_id for servo in used)

@@ -299,9 +299,10 @@ async def run(caller: Caller, params: Run) -> Ran:
     MotionRefused is as for `move`; NotFound says that there is no such record.
     """
     board = await caller.board_to_move(params.until)
+    options = {"wait": params.wait, "dry_run": params.dry_run, "any_angle": params.any_angle}
     if params.type == "action":
-        return Ran(await board.run_action(params.id, wait=params.wait, dry_run=params.dry_run))
-    await board.run_macro(params.id, wait=params.wait, dry_run=params.dry_run)
+        return Ran(await board.run_action(params.id, **options))
+    await board.run_macro(params.id, **options)
     return Ran(None)
 
 

@@ -12,11 +12,13 @@ import pytest
 
 from servolink.boards import ProfileFile
 from servolink.client import Board, connect
-from servolink.errors import ConnectionLost, MotionRefused
+from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown
+from servolink.project import Project
+from servolink.protocol import Action, FrameParser, QueryServoRequest, SetAngleUnitRequest, Step
 from servolink.virtual import BOARDS, BoardTransport
 from tests.lab.odd.board import OddBoard, OddLine
 from tests.lab.odd.dialects import UnitLies
-from tests.lab.odd.firmwares import MixedOrder
+from tests.lab.odd.firmwares import DeadServo, MixedOrder
 from tests.lab.odd.wire import Values
 from tests.lab.zoo.trials import MakeZoo
 
@@ -217,6 +219,80 @@ def test_a_program_that_has_read_nothing_starts_no_motion_from_impossible_values
     board = odd()
     before = {servo_id: servo.degrees(9) for servo_id, servo in board.servos.items()}
     assert zoo("plain").clock.run(_moved(board)) == before
+
+
+class FirstDead(DeadServo, name="first-dead"):
+    """Servo without a cable, which the action and the macro on the board move."""
+
+    dead = 1
+
+    def __init__(self) -> None:
+        super().__init__()
+        step = {"servoID": 2, "degree": 25, "interval": 10}
+        self.records[30010][5] = {"actionID": 5, "actionCaption": b"", "stepCount": 1, "steps": [step]}
+        self.requests: list[str] = []
+
+    def heard(self, line: OddLine, data: bytes) -> None:
+        self.requests += [str(packet_id) for packet_id, _ in FrameParser().feed(data)]
+        super().heard(line, data)
+
+    @property
+    def goals(self) -> dict[int, float]:
+        return {servo_id: servo.degrees(self.now + 9) for servo_id, servo in self.servos.items()}
+
+
+_WAVE = Project(actions=(Action(1, "Wave", (Step(1, 20, 10),)), Action(5, "Nod", (Step(2, 35, 10),))))
+
+
+async def _run_or_refuse(board: FirstDead) -> None:
+    still = board.goals
+    async with connect(BoardTransport(board)) as robot:
+        for refused in (robot.run_action(1), robot.run_macro(1), robot.play(_WAVE, 1), robot.run_action(1, wait=True)):
+            with pytest.raises(MotionRefused, match=r"servo 1 reports values that cannot be true \(not measured\)"):
+                await refused
+        assert board.goals == still
+        await robot.run_action(5, wait=True)
+        assert board.goals == {**still, 2: 25}
+        await robot.play(_WAVE, 5)
+        assert board.goals == {**still, 2: 35}
+        await robot.run_action(1, any_angle=True)
+        await robot.battery()  # after which the board has begun
+        assert board.goals == {**still, 1: 20, 2: 35}
+        await robot.release()
+        await robot.set_servo(1, start=True, hold=True)
+        with pytest.raises(OutcomeUnknown):  # which the dead servo does not confirm
+            await robot.stop()
+        assert not any(servo.is_start for servo in board.servos.values())
+
+
+def test_what_is_stored_or_played_starts_from_no_impossible_reading_and_stops_all_the_same(zoo: MakeZoo) -> None:
+    zoo("plain").clock.run(_run_or_refuse(FirstDead()))
+
+
+async def _run_plain(board: FirstDead) -> None:
+    async with connect(BoardTransport(board)) as robot:
+        for _ in range(3):
+            await robot.run_macro(1)
+        states = {str(QueryServoRequest.packet_id)}
+        assert sum(each in states for each in board.requests) == 1, "read once for a connection"
+        assert str(SetAngleUnitRequest.packet_id) not in board.requests
+
+
+def test_runs_of_a_board_without_doubts_read_the_servos_once_and_set_no_unit(zoo: MakeZoo) -> None:
+    board = FirstDead()
+    board.dead = 99
+    zoo("plain").clock.run(_run_plain(board))
+
+
+def test_a_shell_runs_from_an_impossible_reading_only_when_told_to(zoo: MakeZoo) -> None:
+    board = zoo("plain")
+    BOARDS["zoo"] = odd = FirstDead()
+    refused = board.on_board("run", "action", "1")
+    assert "servo 1 reports values that cannot be true (not measured)" in refused.err
+    assert "--any-angle" in refused.err
+    assert odd.goals[1] == 0
+    assert board.on_board("run", "action", "1", "--any-angle").code == 0
+    assert odd.goals[1] == 20
 
 
 def test_recordings_mark_impossible_values_in_tables_and_summaries(zoo: MakeZoo, tmp_path: Path) -> None:
