@@ -71,6 +71,7 @@ class Bridge:
         self._topics = topics
         self._policy = policy
         self._announcer: Announcer | None = None
+        self._birth_topic: str | None = None  # of Home Assistant, which may have forgotten the board
         self._available = will
         self._has_joined = False
         self._has_left = False
@@ -90,6 +91,8 @@ class Bridge:
         self._announcer = Announcer(
             home_assistant, self._topics, self._policy, self.telemetry, self.outbox, self.broker, kept
         )
+        self._birth_topic = home_assistant.birth_topic
+        self.broker.subscriptions.append((self._birth_topic, 1))
 
     def follow(self, policy: BoardPolicy) -> None:
         """Allow from now on what `policy` allows; what is under way ends with the session of the hub."""
@@ -142,10 +145,14 @@ class Bridge:
         except Denied as error:  # later, the connection reports it: an access list can be corrected meanwhile
             if not self._has_joined:
                 raise OpenError(f"{self.board} has not joined: {error}") from error
+        self._resend()
+        self._has_joined = True
+
+    def _resend(self) -> None:
+        """Send again what is retained; before the board has joined, no document, which comes with the first facts."""
         self.telemetry.resend()
         if self._has_joined and self._announcer is not None:
             self._announcer.resend()
-        self._has_joined = True
 
     async def _send_pulse(self, word: str, qos: int) -> None:
         topic = self._topics.board(self.board, "pulse")
@@ -164,6 +171,10 @@ class Bridge:
         elif message.topic == self._available.topic:
             if message.payload != ONLINE.encode() and not self._has_left:  # of a former connection, or of somebody else
                 self.outbox.put(self._available._replace(payload=ONLINE))
+            self.broker.acknowledge(message)
+        elif message.topic == self._birth_topic:
+            if message.payload == ONLINE.encode() and not message.is_retained:  # else before the board has joined
+                self._resend()
             self.broker.acknowledge(message)
         else:
             self.commands.receive(message, self._link, partial(self.broker.acknowledge, message))

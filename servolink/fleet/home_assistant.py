@@ -50,6 +50,11 @@ class HomeAssistant(NamedTuple):
         """Return where Home Assistant looks for a board: below its name, as an access list is written for names."""
         return f"{self.prefix}/device/{board}/{_object_id(topics, board)}/config"
 
+    @property
+    def birth_topic(self) -> str:
+        """Topic where Home Assistant says `online` when it has started."""
+        return f"{self.prefix}/status"
+
     def earlier_topic(self, topics: Topics, board: str) -> str:
         """Return the topic of earlier versions, whose document would show the board twice."""
         return f"{self.prefix}/device/{_object_id(topics, board)}/config"

@@ -224,6 +224,23 @@ class TestWithABroker:
 
         run(main())
 
+    def test_a_home_assistant_that_has_started_is_told_everything_again(self, broker: Broker) -> None:
+        told = (TOPIC, "servolink/rex/state")
+
+        async def main() -> None:
+            async with bridged(broker, home_assistant=HomeAssistant()) as (far, _):
+                await far.state(lambda state: state["servos"] == 4)
+                await far.until(lambda: TOPIC in far.heard)
+                for topic in told:
+                    await far.publish(topic, b"", retain=True)
+                await far.until(lambda: all(not far.heard[topic][-1].payload for topic in told))
+                for said in (b"offline", b"online"):
+                    await far.publish("homeassistant/status", said)
+                await far.until(lambda: all(far.heard[topic][-1].payload for topic in told))
+                check_document(json.loads(far.heard[TOPIC][-1].payload))
+
+        run(main())
+
     def test_a_broker_that_has_forgotten_everything_is_told_it_again(
         self, broker: Broker, monkeypatch: pytest.MonkeyPatch
     ) -> None:
