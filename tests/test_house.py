@@ -20,7 +20,7 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 75_677,
+    "lines": 75_707,
     "files": 457,
     "names that cross rooms": 605,
     "own imports of a file, median": 5,
