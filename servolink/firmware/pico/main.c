@@ -106,16 +106,16 @@ static void start_uart(void) {
 
 static void uart_interrupt(void) {
     while (!(REG(UART0 + 0x18U) & 1U << 4)) {
-        received[received_tail % sizeof received] = (uint8_t)REG(UART0);
-        received_tail++;
+        uint8_t byte = (uint8_t)REG(UART0);
+        if (received_tail - received_head < sizeof received) received[received_tail++ % sizeof received] = byte;
     }
     REG(UART0 + 0x44U) = 1U << 6 | 1U << 4;
 }
 
 static void serve_uart(bool is_used, uint64_t now) {
-    uint8_t bytes[64];
-    uint32_t size = 0, most = sizeof bytes;
-    if (is_used && board_room(&board) < most) most = 0;
+    static uint8_t bytes[sizeof received];
+    uint32_t size = 0, most = sizeof bytes; /* all that came in the last turn: the next one may take long too */
+    if (is_used && board_room(&board) < most) most = board_room(&board);
     while (size < most && received_head != received_tail) bytes[size++] = received[received_head++ % sizeof received];
     if (!is_used) return;
     if (size) board_receive(&board, now, bytes, size);
