@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from tests.firmware.host import HARDWARE, LIBRARY, HostBoard, compile_once, load
+from tests.firmware.test_core import READY, move
 
 
 @pytest.fixture(scope="session")
@@ -22,3 +23,13 @@ def board(functions: Any) -> Iterator[HostBoard]:
     made = HostBoard(functions)
     yield made
     made.close()
+
+
+@pytest.fixture
+def ready(board: HostBoard) -> HostBoard:
+    """Return a board whose servos stand at 0 degrees."""
+    board.ask(READY)
+    board.receive(move(*((servo, 0, 0) for servo in range(1, 17))))
+    board.run(1.1)
+    assert board.pulses == [1500] * 16
+    return board

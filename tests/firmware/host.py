@@ -170,6 +170,10 @@ class HostBoard:
         """Give the board bytes of the host."""
         self._functions.hardware_receive(self._hardware, data, len(data))
 
+    def receive_once(self, data: bytes) -> None:
+        """Give the board bytes of the host, of which it does what one call does."""
+        self._functions.hardware_receive_once(self._hardware, data, len(data))
+
     def transmit(self) -> bytes:
         """Return bytes for the host, up to the size of the ring in the board."""
         size = self._functions.hardware_transmit(self._hardware, self._buffer, len(self._buffer))

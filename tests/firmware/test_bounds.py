@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import random
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -143,4 +143,39 @@ def test_a_stop_within_half_a_frame_acts_in_time(line: str) -> None:
         sent = pico.now
         for _ in range(20):
             pico.ask(frame(20010), 0.02)  # others go on asking, so that the line is never quiet
+        assert pico.widths_since(0, sent + 0.02) == []
+
+
+def _many_paths_to_a_long_macro(pico: EmulatedPico) -> bytes:
+    """Store macros that each name too many levels, behind a long one; return requests to run them."""
+    for number in range(1, 41):
+        _ask(pico, add_action(number))
+    _ask(pico, *(add_macro(200 + each, (201 + each, 2, 100, 1)) for each in range(15)), add_macro(215, (1, 0, 100, 1)))
+    draw = random.Random(4)
+    _ask(pico, add_macro(99, *[(draw.randrange(1, 41), 0, 100, 1) for _ in range(4000)], (200, 2, 100, 1)))
+    _ask(pico, *(add_macro(300 + each, (99, 2, 100, 1)) for each in range(100)))
+    return b"".join(run_macro(300 + each) for each in range(100))
+
+
+def _checks_after_each_change(pico: EmulatedPico) -> bytes:
+    """Store a long macro; return requests that change an action of it and run it."""
+    for number in range(1, 41):
+        _ask(pico, add_action(number))
+    draw = random.Random(5)
+    _ask(pico, add_macro(9, *[(draw.randrange(1, 41), 0, 100, 1) for _ in range(4700)]))
+    return (add_action(20) + run_macro(9)) * 60
+
+
+@pytest.mark.parametrize("line", ["uart", "usb"])
+@pytest.mark.parametrize("prepare", [_many_paths_to_a_long_macro, _checks_after_each_change])
+def test_a_release_behind_requests_that_take_long_acts_in_time(
+    line: str, prepare: Callable[[EmulatedPico], bytes]
+) -> None:
+    with emulated(IMAGE, line, _CORE_HZ) as pico:
+        requests = prepare(pico)
+        pico.ask(READY + move((1, 90, 500)), 1.2)
+        pico.command(**{line: (requests + RELEASE).hex()})
+        sent = pico.now
+        pico.run(0.1)
+        assert pico.pulses[0][-1][0] > sent - 1
         assert pico.widths_since(0, sent + 0.02) == []

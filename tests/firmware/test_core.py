@@ -51,16 +51,6 @@ def answers(sent: bytes) -> list[tuple[int, bytes]]:
     return [(each[0], bytes(each[1])) for each in FrameParser().feed(sent)]
 
 
-@pytest.fixture
-def ready(board: HostBoard) -> HostBoard:
-    """Return a board whose servos stand at 0 degrees."""
-    board.ask(READY)
-    board.receive(move(*((servo, 0, 0) for servo in range(1, 17))))
-    board.run(1.1)
-    assert board.pulses == [1500] * 16
-    return board
-
-
 def test_every_golden_request_gets_its_response(board: HostBoard) -> None:
     vectors = json.loads((DATA / "vectors.json").read_text("utf-8"))
     board.run(0.5)
@@ -258,44 +248,6 @@ def test_an_incomplete_macro_or_a_circle_is_refused(ready: HostBoard, commands: 
     assert answers(ready.ask(run_macro(5)))[0][1] == b"\0"
     ready.run(0.5)
     assert ready.pulses == [1500] * 16
-
-
-def _chain(board: HostBoard, first: int, count: int, *last: tuple[int, int, int, int]) -> None:
-    """Add macros that call each other in turn; the last one has other commands."""
-    for number in range(first, first + count - 1):
-        board.ask(add_macro(number, (number + 1, 2, 100, 1)))
-    board.ask(add_macro(first + count - 1, *last))
-
-
-def test_levels_of_macros_are_counted_on_every_path(ready: HostBoard) -> None:
-    ready.ask(add_action(2, (1, 90, 0)))
-    _chain(ready, 100, 10, (2, 0, 100, 1))
-    _chain(ready, 200, 10, (100, 2, 100, 1))  # 20 levels, though each chain is short enough
-    ready.ask(add_macro(1, (100, 2, 100, 1), (200, 2, 100, 1), (2, 0, 100, 1)))
-    for _ in range(2):
-        assert [answers(ready.ask(run_macro(each)))[0][1] for each in (1, 200)] == [b"\0"] * 2
-    assert answers(ready.ask(run_macro(204)))[0][1] == b"\1", "which has 16"
-    assert answers(ready.ask(run_macro(203)))[0][1] == b"\0"
-    ready.run(0.2)
-    assert ready.pulses[0] == 2500, "the deepest one has run"
-    ready.ask(add_macro(1, (205, 2, 100, 1), (204, 2, 100, 1)))
-    assert answers(ready.ask(run_macro(1)))[0][1] == b"\0"
-    ready.ask(add_macro(1, (205, 2, 100, 1), (100, 2, 100, 1)))
-    assert answers(ready.ask(run_macro(1)))[0][1] == b"\1"
-
-
-def test_what_was_found_of_a_macro_is_forgotten_when_actions_change(ready: HostBoard) -> None:
-    ready.ask(add_macro(1, (2, 2, 100, 1)))
-    ready.ask(add_macro(2, (5, 0, 100, 1)))
-    for change, result in (
-        (add_action(4), b"\0"),
-        (add_action(5), b"\1"),
-        (frame(30040, struct.pack("<i", 5)), b"\0"),
-        (add_macro(2), b"\1"),
-        (frame(10020), b"\0"),
-    ):
-        ready.ask(change)
-        assert [answers(ready.ask(run_macro(1)))[0][1] for _ in range(2)] == [result] * 2
 
 
 def test_the_last_step_of_a_servo_counts(ready: HostBoard) -> None:

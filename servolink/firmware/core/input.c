@@ -99,6 +99,10 @@ bool input_step(struct board *board) {
     struct input *input = &board->input;
     if (board->now - input->last >= PATIENCE) input->hopeless = input->tail;
     overtake(board);
+    if (board->check.depth) {
+        macro_check(board);
+        return true;
+    }
     for (uint32_t i = 0; i < BEGINNINGS; i++) {
         const struct request *request = NULL;
         uint32_t length = 0;
@@ -176,7 +180,7 @@ void board_tick(struct board *board, uint64_t now) {
     if (board->work < MUCH) macro_step(board);
     if (now >= board->period) {
         while (board->period <= now) board->period += BOARD_PERIOD;
-        if (board->work < MUCH) buttons_period(board);
+        if (board->work < MUCH && !board->check.depth) buttons_period(board);
         servos_period(board);
         board->ports->alive(board->ports->context);
     }
@@ -188,5 +192,5 @@ void board_detach(struct board *board) {
     board->input.head = board->input.tail = board->input.hopeless = board->input.begun = board->input.recent = 0;
     board->input.stops = 0;
     board->output.used = board->output.left = 0;
-    board->subscribed = false;
+    board->subscribed = board->check.responds = false;
 }

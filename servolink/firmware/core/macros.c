@@ -6,11 +6,12 @@
 
 #define COMMANDS_AT_ONCE 4U    /* commands of a macro in one tick, so that a tick is short, */
 #define STEPS_AT_ONCE 4096U    /* and steps of their actions after which no other one follows */
+#define CHECKED_AT_ONCE 1024U  /* commands of macros whose check is one turn's */
 #define SLOWEST UINT32_C(0x40000000) /* limit of a scale: 16,384 times as slow */
 #define LONG_PRESS 1000000U
 
 enum { RUN_ACTION, WAIT, RUN_MACRO };
-enum { UNCHECKED, TOO_MANY = 0xfe, BROKEN = 0xff }; /* marks, and what is found; others are the levels of a macro */
+enum { UNCHECKED, OPEN = 0xfe, BROKEN = 0xff }; /* marks; others are the levels of a macro, with those that it calls */
 enum { PRESS = 1, LONG = 2, UP = 4 };
 
 void macro_end(struct board *board) {
@@ -24,54 +25,79 @@ static void call(struct board *board, int32_t id, uint32_t scale) {
     run->calls[run->depth++] = (struct call){id, scale, 0, 0};
 }
 
-/* Levels of a macro with those that it calls on its deepest path; BROKEN if something that it names is missing or if it
-   calls itself, TOO_MANY if there are more than `most`. Marks keep what was found until actions or macros change, so each
-   macro is looked through once; but not that there are too many levels, as another path may have room for them. */
-static uint32_t levels(struct board *board, struct record *macro, uint32_t most) {
-    if (macro->mark == BROKEN) return BROKEN;
-    if (macro->mark > most || most == 0) return TOO_MANY;
-    if (macro->mark != UNCHECKED) return macro->mark;
-    macro->mark = BROKEN; /* for a macro that calls itself */
-    board->work += get_u16(record_content(macro) + 36) * 12U;
-    uint32_t deepest = 0;
-    const uint8_t *command = record_content(macro) + 38;
-    for (const uint8_t *end = command + 12 * get_u16(command - 2); command < end; command += 12) {
-        if (command[4] == WAIT) continue;
-        const struct record *named = record_current(board, command[4] == RUN_MACRO ? MACRO : ACTION, get_i32(command));
-        if (!named) return BROKEN;
-        if (command[4] == RUN_ACTION) continue;
-        uint32_t found = named->mark;
-        if (found == UNCHECKED || found >= most) {
-            found = levels(board, &board->records.log[named - board->records.log], most - 1U);
-        }
-        if (found == TOO_MANY) macro->mark = UNCHECKED;
-        if (found > MACRO_DEPTH) return found;
-        if (found > deepest) deepest = found;
+/* Go on with the check, by one command of the macro at the end of its path. That macro is popped when all is known of it. */
+static void check_command(struct board *board) {
+    struct check *check = &board->check;
+    struct checked *end = &check->path[check->depth - 1U];
+    struct record *macro = &board->records.log[end->place];
+    const uint8_t *content = record_content(macro), *command = content + 38 + 12 * end->command;
+    if (end->command == get_u16(content + 36)) {
+        macro->mark = end->deepest < MACRO_DEPTH ? (uint8_t)(end->deepest + 1U) : BROKEN;
+        check->depth--;
+        return;
     }
-    macro->mark = (uint8_t)(deepest + 1U);
-    return macro->mark;
+    if (command[4] != WAIT) {
+        const struct record *named = record_current(board, command[4] == RUN_MACRO ? MACRO : ACTION, get_i32(command));
+        uint32_t mark = !named ? BROKEN : command[4] == RUN_MACRO ? named->mark : 1U;
+        if (mark == UNCHECKED) { /* the command is looked at again when this is known */
+            uint32_t place = (uint32_t)(named - board->records.log);
+            board->records.log[place].mark = OPEN;
+            check->path[check->depth++] = (struct checked){(uint16_t)place, 0, 0};
+            return;
+        }
+        if (mark > MACRO_DEPTH) { /* missing, broken, or it calls itself */
+            macro->mark = BROKEN;
+            check->depth--;
+            return;
+        }
+        if (command[4] == RUN_MACRO && mark > end->deepest) end->deepest = (uint8_t)mark;
+    }
+    end->command++;
 }
 
-/* True if all that a macro names is there, and it calls neither itself nor too many levels, on any path. */
-static bool is_complete(struct board *board, const struct record *macro) {
+static void respond(struct board *board, bool is_started) {
+    if (!output_begin(board, 30091, 1)) return;
+    output_number(board, is_started, 1);
+    output_end(board);
+}
+
+void macro_check(struct board *board) {
+    struct check *check = &board->check;
+    for (uint32_t i = 0; i < CHECKED_AT_ONCE && check->depth; i++) {
+        check_command(board);
+        board->work += 12U;
+    }
+    if (check->depth) return;
+    const struct record *macro = record_current(board, MACRO, check->macro);
+    bool is_complete = macro->mark <= MACRO_DEPTH;
+    if (is_complete) {
+        macro_end(board);
+        board->run.moment = board->records.newest;
+        board->run.due = board->now;
+        board->run.uninterruptible = check->uninterruptible;
+        call(board, check->macro, 65536);
+    }
+    if (check->responds) respond(board, is_complete);
+}
+
+/* Marks keep what was found until actions or macros change, so each macro is looked through once. */
+void macro_start(struct board *board, int32_t id, bool responds, bool uninterruptible) {
     struct records *records = &board->records;
+    struct check *check = &board->check;
+    const struct record *macro = record_current(board, MACRO, id);
+    if (!macro) {
+        if (responds) respond(board, false);
+        return;
+    }
     for (uint32_t i = 0; !records->is_checked && i < records->count; i++) records->log[records->index[i]].mark = UNCHECKED;
     records->is_checked = true;
-    struct record *checked = &records->log[macro - records->log];
-    bool is_complete = levels(board, checked, MACRO_DEPTH) <= MACRO_DEPTH;
-    if (!is_complete) checked->mark = BROKEN; /* as no path to it has more room */
-    return is_complete;
-}
-
-bool macro_start(struct board *board, int32_t id) {
-    const struct record *macro = record_current(board, MACRO, id);
-    if (!macro || !is_complete(board, macro)) return false;
-    macro_end(board);
-    board->run.moment = board->records.newest;
-    board->run.due = board->now;
-    board->run.uninterruptible = false;
-    call(board, id, 65536);
-    return true;
+    check->macro = id;
+    check->responds = responds;
+    check->uninterruptible = uninterruptible;
+    check->depth = macro->mark == UNCHECKED;
+    check->path[0] = (struct checked){(uint16_t)(macro - records->log), 0, 0};
+    if (check->depth) records->log[check->path[0].place].mark = OPEN;
+    macro_check(board);
 }
 
 /* Execute a command once, and return how many steps that were. */
@@ -98,7 +124,7 @@ static uint32_t execute(struct board *board, const uint8_t *command, uint32_t sc
 static void end_of_run(struct board *board) {
     int32_t next = board->run.next;
     macro_end(board);
-    if (next) macro_start(board, next);
+    if (next) macro_start(board, next, false, false);
 }
 
 void macro_step(struct board *board) {
@@ -108,6 +134,7 @@ void macro_step(struct board *board) {
         struct call *top = &run->calls[run->depth - 1];
         const uint8_t *content = record_content(record_find(board, MACRO, top->macro, run->moment));
         if (top->command == get_u16(content + 36)) {
+            if (run->depth == 1 && run->next && board->check.depth) return; /* another check comes first */
             if (--run->depth == 0) end_of_run(board);
             continue;
         }
@@ -157,8 +184,8 @@ static void button_event(struct board *board, uint32_t id, uint32_t event) {
     int32_t macro = get_i32(button + (event == PRESS ? 36 : event == LONG ? 40 : 44));
     if (event == UP && board->run.depth && board->run.uninterruptible) {
         board->run.next = macro;
-    } else if (macro && macro_start(board, macro)) {
-        board->run.uninterruptible = event == LONG && button[48];
+    } else if (macro) {
+        macro_start(board, macro, false, event == LONG && button[48]);
     }
 }
 

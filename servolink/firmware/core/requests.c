@@ -186,7 +186,7 @@ static void delete_record(HANDLER) {
 }
 
 static void execute_macro(HANDLER) {
-    respond_result(board, request, macro_start(board, get_i32(content)));
+    macro_start(board, get_i32(content), true, false);
 }
 
 static void query_parameters(HANDLER) {

@@ -106,6 +106,18 @@ struct run {
     struct call calls[MACRO_DEPTH];
 };
 
+/* Check of a macro that is to start, which may take several turns. Requests and buttons wait for its end. */
+struct check {
+    int32_t macro;
+    bool responds, uninterruptible;
+    uint32_t depth; /* macros on the path; 0: no check goes on */
+    struct checked {
+        uint16_t place;   /* of the macro, in the log */
+        uint16_t command; /* index of the next command */
+        uint8_t deepest;  /* levels of those that it calls */
+    } path[MOST_RECORDS];
+};
+
 struct button {
     uint64_t since;
     bool seen, pressed, is_long;
@@ -121,6 +133,7 @@ struct board {
     struct servo servos[BOARD_SERVOS];
     struct button buttons[BOARD_BUTTONS];
     struct run run;
+    struct check check;
     struct flash flash;
     struct records records;
     struct output output;
@@ -178,7 +191,8 @@ uint32_t servos_move(struct board *board, uint64_t start, const uint8_t *steps, 
 void servos_period(struct board *board);
 
 /* macros.c */
-bool macro_start(struct board *board, int32_t id);
+void macro_start(struct board *board, int32_t id, bool responds, bool uninterruptible); /* if the check finds no fault */
+void macro_check(struct board *board); /* go on with a check that was not over in the turn of its start */
 void macro_end(struct board *board);
 void macro_step(struct board *board);
 const struct record *active_table(const struct board *board);

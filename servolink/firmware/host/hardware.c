@@ -106,6 +106,10 @@ void hardware_receive(struct hardware *hardware, const uint8_t *bytes, size_t si
     }
 }
 
+void hardware_receive_once(struct hardware *hardware, const uint8_t *bytes, size_t size) {
+    board_receive(hardware->board, hardware->now, bytes, size);
+}
+
 size_t hardware_transmit(struct hardware *hardware, uint8_t *bytes, size_t size) {
     return board_transmit(hardware->board, bytes, size);
 }

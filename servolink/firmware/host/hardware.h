@@ -36,6 +36,7 @@ void hardware_cut(struct hardware *hardware, uint32_t random);
 void hardware_detach(struct hardware *hardware);
 void hardware_tick(struct hardware *hardware);
 void hardware_receive(struct hardware *hardware, const uint8_t *bytes, size_t size);
+void hardware_receive_once(struct hardware *hardware, const uint8_t *bytes, size_t size); /* and one turn's acting */
 size_t hardware_transmit(struct hardware *hardware, uint8_t *bytes, size_t size);
 
 #endif
