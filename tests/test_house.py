@@ -20,9 +20,9 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 75_707,
-    "files": 457,
-    "names that cross rooms": 605,
+    "lines": 76_207,
+    "files": 459,
+    "names that cross rooms": 607,
     "own imports of a file, median": 5,
     "own imports of a file, 90 %": 13,
     "own imports of a file, most": 24,
@@ -30,7 +30,7 @@ CEILINGS = {
     "calls of the garbage collector": 4,
     "private members of others": 14,
     "classes with more than 15 attributes": 17,
-    "functions with more than 8 arguments": 4,
+    "functions with more than 8 arguments": 5,
     "lines of benchmarks": 6_270,
 }
 
