@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from servolink.client.alarms import Alarm, AlarmWatch, RaisedAlarm
+from servolink.client.alarms import Alarm, AlarmWatch, Lasting, RaisedAlarm
 from servolink.client.board import Board, servos_of, with_ticket
 from servolink.client.board_identity import BoardIdentity
 from servolink.client.button_events import ButtonEvent, ButtonEvents, ButtonSubscription
@@ -43,6 +43,7 @@ __all__ = [
     # servos
     "Alarm",
     "AlarmWatch",
+    "Lasting",
     "MOST_HZ",
     "RaisedAlarm",
     "Servo",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
-from typing import Literal, TypeAlias, cast, get_args
+from collections.abc import Hashable, Iterable, Sequence
+from typing import Generic, Literal, TypeAlias, TypeVar, cast, get_args
 
 from msgspec import Struct
 from msgspec.structs import force_setattr
@@ -13,6 +13,8 @@ from msgspec.structs import force_setattr
 from servolink.client.servo_state import Servo
 from servolink.errors import quote
 from servolink.support import as_number, is_integer
+
+K = TypeVar("K", bound=Hashable)
 
 Quantity: TypeAlias = Literal["current_raw", "temperature_raw"]
 """Raw readings of a servo (3.2.2); the document gives no units for them."""
@@ -105,13 +107,31 @@ def checked_alarms(alarms: object) -> tuple[Alarm, ...]:
     return checked
 
 
+class Lasting(Generic[K]):
+    """Conditions that must last: each is raised once, and again after an observation in which it did not hold."""
+
+    def __init__(self) -> None:
+        self._since: dict[K, float] = {}
+        self._raised: set[K] = set()
+
+    def is_raised(self, key: K, now: float, *, holds: bool, seconds: float) -> bool:
+        """Take an observation at `now`; return whether the condition has held for `seconds`, and is raised by it."""
+        if not holds:
+            self._since.pop(key, None)
+            self._raised.discard(key)
+            return False
+        if key in self._raised or now - self._since.setdefault(key, now) < seconds - _SLACK:
+            return False
+        self._raised.add(key)
+        return True
+
+
 class AlarmWatch:
     """Compares readings with alarms, and keeps since when values are bad."""
 
     def __init__(self, alarms: Iterable[Alarm]) -> None:
         self._alarms = checked_alarms(alarms)
-        self._bad_since: dict[tuple[Alarm, int], float] = {}
-        self._raised: set[tuple[Alarm, int]] = set()
+        self._bad = Lasting[tuple[Alarm, int]]()
 
     def check(self, servos: Sequence[Servo], now: float) -> tuple[RaisedAlarm, ...]:
         """Return the alarms raised by the states of `servos` at `now`."""
@@ -126,13 +146,5 @@ class AlarmWatch:
 
     def _is_raised(self, alarm: Alarm, servo: Servo, now: float) -> bool:
         """Return whether a reading of a servo raises a new alarm."""
-        key = alarm, servo.servo_id
-        if not alarm.is_bad(alarm.value_of(servo)):
-            self._bad_since.pop(key, None)
-            self._raised.discard(key)
-            return False
-        since = self._bad_since.setdefault(key, now)
-        if key in self._raised or now - since < alarm.seconds - _SLACK:
-            return False
-        self._raised.add(key)
-        return True
+        is_bad = alarm.is_bad(alarm.value_of(servo))
+        return self._bad.is_raised((alarm, servo.servo_id), now, holds=is_bad, seconds=alarm.seconds)

@@ -33,6 +33,8 @@ class ServoReading(Struct, frozen=True):
     """Readings left out directly before: the program or the board was too slow."""
     alarms: tuple[RaisedAlarm, ...] = ()
     """Alarms raised since the reading before, also by readings left out."""
+    took: float = 0.0
+    """Seconds from the request to the response."""
 
 
 class _RatedReader(Reader[ServoReading]):
@@ -67,7 +69,7 @@ class _RatedReader(Reader[ServoReading]):
         if self.items:
             missed += self.items[0].missed + 1
             raised = self.items[0].alarms + raised
-        self.put(ServoReading(reading.seconds, reading.servos, missed, raised))
+        self.put(ServoReading(reading.seconds, reading.servos, missed, raised, reading.took))
 
 
 class ServoWatch(Source[_RatedReader]):
@@ -103,6 +105,12 @@ class ServoWatch(Source[_RatedReader]):
         reader.due = self._loop.time()
         self._readers.add(reader)
         self._begin()
+
+    def pace(self, reader: _RatedReader, hz: float) -> None:
+        """Read `hz` times a second for `reader` from now on; a change counts at once."""
+        reader.hz, reader.due = hz, self._loop.time()
+        if reader in self._readers:
+            self._begin()
 
     async def leave(self, reader: _RatedReader) -> None:
         """Read no further for `reader`."""
@@ -198,9 +206,10 @@ class ServoWatch(Source[_RatedReader]):
         """Send a query. Return whether to send another at once."""
         if self._period is None:
             self._loop.call_soon(self._fill)  # when the present query is under way, or waits
+        asked_at = self._loop.time()
         servos = await self._servos.servos()
         self._has_read = True
-        reading = ServoReading(self._loop.time(), servos)
+        reading = ServoReading(self._loop.time(), servos, took=self._loop.time() - asked_at)
         readers = tuple(self._readers)  # a copy: a change of readers meanwhile must not swallow a stop
         stopping = [reader for reader in readers if reader.offer(due, reading)]
         if stopping and self._stopping is None:
@@ -257,6 +266,7 @@ class ServoReadings(SharedIterator[ServoReading, _RatedReader]):
             raise ValueError(f"hz must be above 0 and at most {MOST_HZ:g}, not {quote(hz)}")
         self._hz = hz
         self._alarms = tuple(alarms)
+        self._watch = watch
         super().__init__(watch)
 
     def __repr__(self) -> str:
@@ -264,6 +274,12 @@ class ServoReadings(SharedIterator[ServoReading, _RatedReader]):
         state = "ended" if self._reader.ended else "reading" if self._joined else "not begun"
         rate = "as fast as possible" if self._hz is None else f"at {self._hz:g} Hz"
         return f"<ServoReadings {rate}, {state}>"
+
+    def pace(self, hz: float) -> None:
+        """Read `hz` times a second from now on, 0 < hz <= 1000."""
+        if hz != self._hz:
+            self._hz = hz
+            self._watch.pace(self._reader, hz)
 
     def _new_reader(self) -> _RatedReader:
         return _RatedReader(self._hz, self._alarms)
