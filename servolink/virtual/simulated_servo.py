@@ -57,6 +57,10 @@ class SimulatedServo:
         self._temperature = _AMBIENT
         self._motion: _Motion | None = None
         self._now: float | None = None
+        self.reach = LOWEST, HIGHEST
+        """Angles between which nothing is in the way, degrees; a servo that presses against it draws most."""
+        self.has_sensor = True
+        """Whether the current is measured; a board without reports 0."""
 
     @property
     def moving(self) -> bool:
@@ -66,14 +70,21 @@ class SimulatedServo:
     @property
     def position(self) -> float:
         """Angle of the servo as measured, in degrees."""
-        return self.angle
+        return max(self.reach[0], min(self.reach[1], self.angle))
 
     @property
     def current(self) -> float:
         """Present current of the servo, raw ADC."""
+        if self.is_blocked:
+            return self.MAX_CURRENT
         if self._motion is not None:
             return min(self.MAX_CURRENT, (_MOVING + _PER_SPEED * abs(self._motion.speed)) * self._friction)
         return _HOLDING * self._friction if self.is_hold else self.IDLE_CURRENT
+
+    @property
+    def is_blocked(self) -> bool:
+        """Whether something is in the way of the servo, which presses against it."""
+        return bool(self.is_hold) and not self.reach[0] <= self.angle <= self.reach[1]
 
     def state(self) -> ServoState:
         """Return the state for a response of the board, with the angle in the unit of the servo."""
@@ -81,7 +92,7 @@ class SimulatedServo:
         return ServoState(
             servo_id=self.servo_id,
             angle=angle,
-            current=round(self.current),
+            current=round(self.current) if self.has_sensor else 0,
             temperature=round(self._temperature),
             servo_type=1,
             is_start=self.is_start,
@@ -116,6 +127,8 @@ class SimulatedServo:
     def set_flags(self, is_start: int, is_hold: int, now: float) -> None:
         """Start or stop, hold or release the servo. A stop or release ends the motion at the present angle."""
         self.advance(now)
+        if self.is_blocked:
+            self.angle = self.position
         self.is_start, self.is_hold = is_start, is_hold
         if not (is_start and is_hold):
             self._motion = None
