@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from servolink.errors import RequestRefused as RequestRefused
     from servolink.errors import RequestTimeout as RequestTimeout
     from servolink.errors import ServolinkError as ServolinkError
+    from servolink.errors import ServoStalled as ServoStalled
     from servolink.errors import SeveralBoards as SeveralBoards
     from servolink.errors import TargetNotReached as TargetNotReached
     from servolink.errors import TransportError as TransportError
@@ -127,8 +128,8 @@ else:
         "errors": (
             "AmbiguousName ConnectionLost DecodeError EncodeError InvalidAddress LocalError MotionRefused NotFound "
             "OpenError OutcomeUnknown PacketError ProfileError ProjectError Reason RecordingError Rejected "
-            "RemoteError RequestError RequestRefused RequestTimeout ServolinkError SeveralBoards TargetNotReached "
-            "TransportError TransportUnavailable TwinError WrongBoard"
+            "RemoteError RequestError RequestRefused RequestTimeout ServoStalled ServolinkError SeveralBoards "
+            "TargetNotReached TransportError TransportUnavailable TwinError WrongBoard"
         ),
     }
     _ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names.split()}

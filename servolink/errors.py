@@ -66,6 +66,8 @@ class Reason(StrEnum):
     """The role of the program does not allow the request."""
     STOP = "stop"
     """A stop came first, or ended the motion."""
+    STALL = "stall"
+    """The guard of a hub stopped all servos, as one was stalled."""
     DEADLINE = "deadline"
     """The time by which the motion was to begin has passed."""
     NOT_FOUND = "not found"
@@ -209,6 +211,10 @@ class RequestError(ServolinkError):
 
 class RequestRefused(RequestError, LocalError):
     """The request was not sent, or was cancelled; `reason` says why, such as a stop or the role of the program."""
+
+
+class ServoStalled(RequestRefused):
+    """A motion was ended by the guard of a hub: a servo stood still far behind its course; the text has the numbers."""
 
 
 class RequestTimeout(RequestError, RemoteError, TimeoutError):

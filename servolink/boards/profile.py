@@ -228,6 +228,17 @@ class SafetyLimits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             _check_pair,
         ),
     ] = None
+    guard: Annotated[
+        bool | None,
+        FieldHelp(
+            "whether a hub stops the board for a stalled servo; unless set, the studio and share --guard do",
+            "true or false",
+        ),
+    ] = None
+    temperature: Annotated[
+        int | None,
+        FieldHelp("raw temperature of a servo before which the guard of a hub warns", "a whole number"),
+    ] = None
     angles: Annotated[
         dict[ServoKey, AnglesOfServo],
         FieldHelp("lowest and highest angle of a servo in degrees, by servo id, such as 3 = [20, 160]", "a table"),

@@ -24,6 +24,7 @@ from servolink.control import (
     RefusedNotice,
     Role,
     ShareTransport,
+    StoppedNotice,
     StreamBegun,
     StreamSent,
     Tighten,
@@ -31,7 +32,7 @@ from servolink.control import (
     open_channel,
 )
 from servolink.errors import ConnectionLost, MotionRefused, OpenError, Reason, RequestRefused, ServolinkError, escape
-from servolink.motion import MotionLimits, Ticket
+from servolink.motion import STOPPED, MotionLimits, Ticket
 from servolink.protocol import Packet
 
 _OF_THE_BOARD = ("caption_encoding", "depth", "write_depth")
@@ -197,7 +198,10 @@ class HubLink:
             elif method == "connection":
                 self._learn_upstream(msgspec.json.decode(params, type=ConnectionNow))
             elif method == "stopped":
-                self._connection.stops.stop()  # ends waiting motions and playing, as a stop of this program
+                stopped = msgspec.json.decode(params, type=StoppedNotice)
+                cause = Reason.STOP if stopped.stalled is None else Reason.STALL
+                # It ends waiting motions and playing, as a stop of this program.
+                self._connection.stops.stop(escape(stopped.reason) or STOPPED, cause)
             elif method == "refused":
                 refused = msgspec.json.decode(params, type=RefusedNotice)
                 _logger.warning("%s was not sent to the board: %s", escape(refused.packet), escape(refused.reason))

@@ -20,6 +20,7 @@ from servolink.errors import (
     RequestRefused,
     RequestTimeout,
     ServolinkError,
+    ServoStalled,
     escape,
     quote,
 )
@@ -163,6 +164,10 @@ class Session:
         if not stops.issued(ticket) or self.state != "connected":
             raise ConnectionLost(f"{name} was started, and the connection was lost before it was over")
         if not stops.holds(ticket):
+            if stops.cause is Reason.STALL:
+                raise ServoStalled(
+                    f"{name} was started, and then ended by the guard: {stops.reason}", packet, reason=Reason.STALL
+                )
             raise RequestRefused(f"{name} was started, and then ended by a stop", packet, reason=Reason.STOP)
         if refusal := self.connection.gates.lease(packet, ticket):
             raise MotionRefused(f"{name} was started, and then interrupted: {refusal}") from refusal

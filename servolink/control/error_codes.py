@@ -63,6 +63,7 @@ KINDS = (
     Kind(305, errors.WrongBoard, "connect the right board"),
     Kind(306, errors.OutcomeUnknown, "read the state back before sending again: the board may have obeyed"),
     Kind(307, errors.RequestRefused, "read `reason` and the message: nothing was sent, or a stop ended the request"),
+    Kind(308, errors.ServoStalled, "look at the robot and free the servo; then start the servos again"),
     Kind(400, errors.ProjectError, "correct the project; the message says where"),
     Kind(401, errors.RecordingError, "follow the message; `recorder.status` describes the recording"),
     Kind(402, errors.TwinError, "correct the figure, or install MuJoCo; the message says what to do"),

@@ -54,6 +54,8 @@ class StoppedNotice(Struct, frozen=True):
     """Stop of all servos by another program or the hub. Motions that were planned before must not follow."""
 
     by: Annotated[str | None, about("the program; null: the hub")]
+    reason: Annotated[str, about("for people; empty from an earlier hub")] = ""
+    stalled: Annotated[int | None, about("servo that the guard found stalled; null for any other reason")] = None
 
 
 class ProgramNotice(Struct, frozen=True):

@@ -267,8 +267,9 @@ class Supervisor:
     def _hear(self, method: str, params: Raw) -> None:
         """Take a notification of the hub: the stop of another program voids questions and permissions."""
         if method == "stopped":
-            by = msgspec.json.decode(params, type=StoppedNotice).by
-            self._stop(f"{escape(by or 'the hub')} has stopped all servos")
+            notice = msgspec.json.decode(params, type=StoppedNotice)
+            why = "" if notice.stalled is None else f": {escape(notice.reason)}"
+            self._stop(f"{escape(notice.by or 'the hub')} has stopped all servos{why}")
 
 
 def _checked(motion: SupervisedMotion) -> SupervisedMotion:

@@ -16,6 +16,7 @@ from servolink.control import (
     HoldStatus,
     HubStatus,
     LeaseStatus,
+    ProblemNotice,
     ProgramNotice,
     RefusedNotice,
     Role,
@@ -326,6 +327,11 @@ class Hub:
         program.counters.refused += 1
         exchange.refused = reason
         self.tell(RefusedNotice(type(exchange.packet).__name__, reason), program.session_id)
+
+    def stop_stalled(self, servo_id: int, reason: str) -> None:
+        """Stop all servos, as the guard found one stalled; without a connection, as soon as there is one."""
+        self._stopping.begin_unwatched("the guard", MotionsCancelled(are_all=True, reason=reason, stalled=servo_id))
+        self.tell(ProblemNotice(f"the guard stops the board: {reason}"))
 
     def name_of(self, session_id: str) -> str:
         """Return the name of a program for people."""

@@ -36,6 +36,7 @@ async def serve_board(
     unit: AngleUnit = "degree",
     door_byte_order: ByteOrder | None = None,
     lease_seconds: float = SECONDS_AFTER,
+    guard: bool = False,
     **options: Any,
 ) -> AsyncIterator[tuple[Hub, list[str]]]:
     """Share a board with the programs of this user, at `share://NAME`, until the block ends; yield hub and addresses.
@@ -49,6 +50,7 @@ async def serve_board(
         unit: Angle unit, `degree` or `adc`, of programs behind these doors that set none.
         door_byte_order: Byte order of these programs; that of the board unless given.
         lease_seconds: Seconds, 0 or more, for which a program keeps the lease after its last motion.
+        guard: Whether a guard stops the board for a stalled servo, if the profile of the board says nothing.
         options: Options of `connect`, other than `reconnect` and `angle_unit`.
 
     Raises:
@@ -68,6 +70,7 @@ async def serve_board(
         codec = Codec(door_byte_order or board.codec.byte_order, board.codec.caption_encoding)
         control = ControlInterface(hub)
         stack.push_async_callback(control.close)
+        control.begin_guard(otherwise=guard)
         doors = [socket_door(hub, claim, control.open_channel)]
         if tcp is not None:
             doors.append(tcp_door(hub, tcp, codec=codec, unit=unit))

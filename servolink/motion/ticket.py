@@ -9,6 +9,8 @@ from itertools import count
 from msgspec import Struct
 from msgspec.structs import replace
 
+from servolink.errors import Reason
+
 _FIRST_EPOCHS = count(0, 1 << 40)  # so that epochs of two counters never coincide
 
 STOPPED = "a stop came first"
@@ -52,6 +54,8 @@ class StopCounter:
         self._first = self.epoch = next(_FIRST_EPOCHS)
         self.reason = ""
         """Reason of the latest stop, for people."""
+        self.cause = Reason.STOP
+        """Reason of the latest stop, for programs: `STOP` or `STALL`."""
         self._ticket = Ticket(self.epoch)
         self._sleeps = sleeps
         self._slept = sleeps()
@@ -61,9 +65,9 @@ class StopCounter:
         """Number of stops so far."""
         return self.epoch - self._first
 
-    def stop(self, reason: str = STOPPED) -> None:
+    def stop(self, reason: str = STOPPED, cause: Reason = Reason.STOP) -> None:
         """Count a stop: tickets issued before are no longer valid."""
-        self.reason = reason
+        self.reason, self.cause = reason, cause
         self.epoch += 1
         self._ticket = Ticket(self.epoch)
 

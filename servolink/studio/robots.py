@@ -75,7 +75,8 @@ class Robots:
             await self.give_back(name)
 
     async def _share(self, address: str, opened: asyncio.Future[str], end: asyncio.Event) -> None:
-        async with serve_board(address, name=_name_for(address), **self._options) as (hub, _):
+        served = serve_board(address, name=_name_for(address), guard=True, **self._options)
+        async with served as (hub, _):
             if address == VIRTUAL:
                 await _store_demo(hub.board)
             opened.set_result(hub.name)

@@ -200,7 +200,9 @@ def _changed_limits(args: argparse.Namespace, limits: SafetyLimits, ids: Mapping
     if "soft_start" in args.unset:
         soft_start = None
     soft_start = args.soft_start or soft_start
-    return SafetyLimits(angle_range=angle_range, angles=angles, speed_cap=cap, speed_caps=caps, soft_start=soft_start)
+    return replace(
+        limits, angle_range=angle_range, angles=angles, speed_cap=cap, speed_caps=caps, soft_start=soft_start
+    )
 
 
 def _put(values: dict[int, Any], servo_id: int, value: Any) -> None:

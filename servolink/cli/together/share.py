@@ -56,6 +56,7 @@ _MOST_SECONDS = 3600.0
             number(0.0, _MOST_SECONDS, "seconds"),
             default=10.0,
         ),
+        flag("--guard", "stop all servos when one is stalled, unless the profile of the board says no"),
         group(
             "to a hub that runs",
             one_of(
@@ -88,6 +89,7 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
         unit=args.unit,
         door_byte_order=args.door_byte_order,
         lease_seconds=args.lease_seconds,
+        guard=args.guard,
         **connection_options(args),
     )
     async with AsyncExitStack() as stack:

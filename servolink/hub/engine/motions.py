@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Generator
 from typing import Any, NamedTuple
 
 from servolink.client import Board, collect, servos_of, with_ticket
@@ -17,7 +18,7 @@ from servolink.errors import (
 from servolink.hub.engine.hub_gates import refused_response
 from servolink.hub.rules.courses import Courses
 from servolink.hub.rules.exchanges import Exchange, MoveOrder, RunEnd
-from servolink.motion import SetPoints, Ticket
+from servolink.motion import INTERVAL_UNIT, SetPoints, Ticket
 from servolink.project import RecordRun
 from servolink.protocol import (
     ACTION,
@@ -26,11 +27,13 @@ from servolink.protocol import (
     ExecuteActionExRequest,
     ExecuteActionRequest,
     ExecuteMacroRequest,
+    MacroPlaying,
     Packet,
     RecordType,
     Request,
     Response,
     SetServoParameterRequest,
+    Step,
 )
 from servolink.support import computed
 
@@ -140,8 +143,10 @@ class Motions:
 
         The servos are in its last pose then, unless courses have changed since `changes`.
         """
-        pose = end.pose if changes == self.courses.changes else {}
-        self.courses.end(pose, ends_at, self._servos.units.of)
+        is_latest, units = changes == self.courses.changes, self._servos.units.of
+        self.courses.end(end.pose if is_latest else {}, ends_at, units)
+        if is_latest and end.play is not None:
+            self.courses.play(end.play, ends_at - end.seconds, units, self._servos.planner.interval_unit)
 
     def seconds_of_steps(self, packet: ExecuteActionRequest) -> float:
         """Return how long a movement takes."""
@@ -174,10 +179,18 @@ class Motions:
             return None
         interval_unit = self._servos.planner.interval_unit
 
+        def play(move: Callable[[tuple[Step, ...], float], None]) -> Generator[float, None, object]:
+            if kind is MACRO:
+                slowness = interval_unit / INTERVAL_UNIT
+                yield from MacroPlaying(ACTION.by_id(stored), MACRO.by_id(stored), move, slowness).play(record_id)
+                return None
+            move(ACTION.by_id(stored)[record_id].steps, 1.0)
+            return None
+
         def end() -> RunEnd | None:
             run = RecordRun(stored, kind.by_id(stored)[record_id], interval_unit)
             seconds = run.known_seconds()
-            return None if seconds is None else RunEnd(seconds, run.last_pose())
+            return None if seconds is None else RunEnd(seconds, run.last_pose(), play)
 
         return await computed(end)()
 

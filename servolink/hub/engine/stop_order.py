@@ -16,6 +16,7 @@ from servolink.errors import (
     ConnectionLost,
     DecodeError,
     OutcomeUnknown,
+    Reason,
     RequestRefused,
     RequestTimeout,
     ServolinkError,
@@ -47,6 +48,17 @@ class MotionsCancelled(Struct, frozen=True):
 
     are_all: bool
     """Whether all servos are being stopped; False for some."""
+    reason: str = STOPPED
+    stalled: int | None = None
+    """Servo whose stall is the reason; None for any other reason."""
+
+    @property
+    def cause(self) -> Reason:
+        """The reason, for programs."""
+        return Reason.STOP if self.stalled is None else Reason.STALL
+
+
+ALL_CANCELLED = MotionsCancelled(are_all=True)
 
 
 class _Stopping(NamedTuple):
@@ -97,26 +109,31 @@ class Stops:
         if stops_all(packet):
             self._all_stop(exchange.program.session_id)
         else:
-            self._drop_motions(exchange.program.session_id, are_all=False)
+            self._drop_motions(exchange.program.session_id, MotionsCancelled(are_all=False))
         self._send(packet).add_done_callback(lambda task: self._upstream.finish(exchange, _outcome_of(task)))
 
-    def begin(self, who: str, session_id: str = "") -> asyncio.Task[SetServoParameterResponse]:
+    def begin(
+        self, who: str, session_id: str = "", cancels: MotionsCancelled = ALL_CANCELLED
+    ) -> asyncio.Task[SetServoParameterResponse]:
         """Stop all servos for `who`; see `Hub.begin_stop`."""
         _logger.info("%s stops the board", escape(who))
-        self._all_stop(session_id)
+        self._all_stop(session_id, cancels)
         begun = self._now()
         stopping = self._send(SetServoParameterRequest(ALL_SERVOS, 0, 1))
         stopping.add_done_callback(lambda task: self._over(ALL_SERVOS, _outcome_of(task), begun, who))
         return stopping
 
-    def begin_unwatched(self, reason: str) -> None:
-        """Stop all servos without a watching program; without a connection, as soon as the board is connected again."""
-        self._drop_motions("", are_all=True)  # now: a motion in between would take the lease again
-        self._tasks.begin(self._stop_unwatched(reason))
+    def begin_unwatched(self, who: str, cancels: MotionsCancelled = ALL_CANCELLED) -> None:
+        """Stop all servos without a watching program; without a connection, as soon as the board is connected again.
+
+        Programs hear `cancels`.
+        """
+        self._drop_motions("", cancels)  # now: a motion in between would take the lease again
+        self._tasks.begin(self._stop_unwatched(who, cancels))
 
     async def end_move(self, program: Program, servo_ids: Sequence[int]) -> None:
         """Stop servos where they are, and start them again; see `Hub.end_move`."""
-        self._drop_motions(program.session_id, are_all=False)
+        self._drop_motions(program.session_id, MotionsCancelled(are_all=False))
         ticket = self._stops.ticket(who=program.session_id)
         try:
             await self._stop_some(servo_ids, program.who)
@@ -132,40 +149,41 @@ class Stops:
             packet = SetServoParameterRequest(servo_id, 1, 1)
             await self._upstream.begin(Exchange(program, packet, ticket, asked_at=self._now()))
 
-    async def _stop_unwatched(self, reason: str) -> None:
+    async def _stop_unwatched(self, who: str, cancels: MotionsCancelled) -> None:
         async for state in self._board.states():
             if state == "closed":
                 return
             if state == "lost":
-                self._tell(ProblemNotice(f"{reason}: the board is stopped as soon as it is connected again"), "")
+                self._tell(ProblemNotice(f"{who}: the board is stopped as soon as it is connected again"), "")
                 continue
             try:
-                await Tasks.shared_result(self.begin(reason))
+                await Tasks.shared_result(self.begin(who, cancels=cancels))
             except ConnectionLost:
                 continue
             except ServolinkError as error:
                 self._tell(ProblemNotice(str(error)), "")
             return
 
-    def _all_stop(self, session_id: str) -> None:
+    def _all_stop(self, session_id: str, cancels: MotionsCancelled = ALL_CANCELLED) -> None:
         """Count all servos as stopped, until somebody starts one."""
-        self._drop_motions(session_id, are_all=True)
+        self._drop_motions(session_id, cancels)
         self._sender.is_stopped = True
         self._keeper.stopped()
 
     def stood_still(self, reason: str) -> None:
         """Cancel all motions requested until now, and end the lease if its time is over: the hub stood still."""
         _logger.warning("%s", reason)
-        self._drop_motions("", are_all=True, reason=reason)
+        self._drop_motions("", MotionsCancelled(are_all=True, reason=reason))
         self._keeper.look()
         self._tell(ProblemNotice(f"{reason}: what was asked for before moves nothing"), "")
 
-    def _drop_motions(self, session_id: str, *, are_all: bool, reason: str = STOPPED) -> None:
+    def _drop_motions(self, session_id: str, cancels: MotionsCancelled) -> None:
         """Cancel all motions requested until now, and notify programs with unsent motions."""
-        self._stops.stop(reason)
-        self._board.connection.stops.stop(reason)  # motions under way in the connection, even before a stop is sent
-        self._upstream.drop_motions(reason)
-        self._tell(MotionsCancelled(are_all), session_id)
+        self._stops.stop(cancels.reason, cancels.cause)
+        # Motions under way in the connection, even before a stop is sent.
+        self._board.connection.stops.stop(cancels.reason, cancels.cause)
+        self._upstream.drop_motions(cancels.reason)
+        self._tell(cancels, session_id)
 
     def _send(self, packet: SetServoParameterRequest) -> asyncio.Task[SetServoParameterResponse]:
         """Send a stop immediately and return the task; or the task of an equal stop without a motion since.

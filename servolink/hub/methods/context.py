@@ -108,7 +108,7 @@ class Control:
         Its own stops of single servos end nothing: what it asks for after them is in order.
         """
         if isinstance(notice, MotionsCancelled) and (notice.are_all or session != self.session):
-            self.stops.stop()
+            self.stops.stop(notice.reason, notice.cause)
         if isinstance(notice, HoldNotice | MotionsCancelled):
             self._changed.set()
 

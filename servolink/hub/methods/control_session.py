@@ -8,6 +8,7 @@ from weakref import WeakValueDictionary
 
 from msgspec import Struct
 
+from servolink.boards import SafetyLimits
 from servolink.control import (
     Greeting,
     Peer,
@@ -19,6 +20,7 @@ from servolink.control import (
     Role,
     StoppedNotice,
 )
+from servolink.hub.engine.guarding import Guarding
 from servolink.hub.engine.hub_recorder import HubRecorder
 from servolink.hub.engine.stop_order import MotionsCancelled
 from servolink.hub.hub import Hub
@@ -37,7 +39,16 @@ class ControlInterface:
         self._readings = Readings(hub)
         self.recorder = HubRecorder(hub, self._readings.board)
         """Recording started and stopped by programs."""
+        self._hub = hub
+        self._guarding: Guarding | None = None
         self._groups: WeakValueDictionary[str, asyncio.Semaphore] = WeakValueDictionary()
+
+    def begin_guard(self, *, otherwise: bool) -> None:
+        """Begin to watch over the servos if the profile of the board says so, or `otherwise` if it says nothing."""
+        profile = self._hub.board.profile
+        limits = SafetyLimits() if profile is None else profile.profile.limits
+        if otherwise if limits.guard is None else limits.guard:
+            self._guarding = Guarding(self._hub, self._readings.board, limits.temperature)
 
     def open_channel(
         self, hub: Hub, greeting: Greeting, session: str, send: Callable[[bytes], None], abort: Callable[[str], None]
@@ -51,6 +62,8 @@ class ControlInterface:
     async def close(self) -> None:
         """End the recording, and stop reading the board. Sessions are closed by the doors, earlier."""
         await self.recorder.close()
+        if self._guarding is not None:
+            await self._guarding.close()
         await self._readings.close()
 
 
@@ -129,9 +142,9 @@ class ControlSession:
         self.control.heard(notice, session)
         is_own = session == self.control.session
         match notice:
-            case MotionsCancelled(are_all):
+            case MotionsCancelled(are_all, reason, stalled):
                 if are_all and not is_own:
-                    self._notify(StoppedNotice(self._hub.name_of(session) if session else None))
+                    self._notify(StoppedNotice(self._hub.name_of(session) if session else None, reason, stalled))
             case ProgramNotice() if not self.control.wants_programs:
                 pass
             case RefusedNotice() if not is_own:

@@ -11,6 +11,7 @@ from msgspec import Struct
 
 from servolink.control import Role
 from servolink.errors import ServolinkError
+from servolink.hub.rules.courses import Play
 from servolink.motion import MotionPlan, MotionPlanner, Movement, ServoUnits, SetPoints, Ticket
 from servolink.protocol import Codec, Packet, Query
 
@@ -59,6 +60,8 @@ class RunEnd(NamedTuple):
     """Duration in seconds."""
     pose: Mapping[int, int]
     """Last target of each servo, by id."""
+    play: Play | None = None
+    """The steps of the run; None for a movement."""
 
 
 class MoveOrder(Struct, frozen=True):

@@ -1,0 +1,206 @@
+"""Guard: sees a servo that is stalled, or grows too hot, in the readings of a board. No clock, no board.
+
+| state of a servo | meaning | left |
+|---|---|---|
+| unwatched | no motion is commanded, and none was for a second | with a motion |
+| watched | a motion is commanded, or was until a second ago | with a suspect reading; with time |
+| suspect | it stands still far behind its course, held and started | stalled, if it draws more too; else watched |
+| stalled | told once | unwatched, by the stop; watched, with another reading |
+
+A person who turns a held servo has commanded no motion, and stalls nothing. Currents are compared with quantiles of the
+servo's own: any unit, zero and scale will do, as long as more is more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from statistics import linear_regression, median
+
+from msgspec import Struct
+
+from servolink.client import Alarm, AlarmWatch, Lasting, Servo
+from servolink.motion import ServoWay
+
+AFTERWARDS = 1.0
+"""Seconds after a motion in which the servo is still watched."""
+STALLED = 0.25
+"""Seconds for which a servo that draws more than its normal must be suspect."""
+STALLED_BY_LAG = 1.0
+"""Seconds for which a servo must be suspect whose normal current is unknown, or says nothing."""
+LEAST_LAG = 5
+"""Degrees behind the course that never count as far, whatever a servo's normal is."""
+AHEAD = 60.0
+"""Seconds by which a rising temperature is extrapolated."""
+
+_LATE = 0.1  # seconds by which a reading, or the start of a servo, may be late
+_STILL = 1  # degrees by which the readings of a servo that stands still differ
+_FEWEST_SUSPECT = 3  # readings: two may be of one stall of the line
+_FEWEST, _MOST = 20, 500  # readings for a normal
+_LONGEST_TREND, _SHORTEST_TREND = 60.0, 20.0  # seconds of temperatures
+_TREND_LASTS = 3.0  # seconds for which a forecast must hold: one reading may be wrong
+
+
+class Normal(Struct):
+    """Currents and lags of a servo while nothing was suspect, learnt on the go; raw units, and degrees."""
+
+    began: float
+    """Time of the first reading."""
+    moving: deque[int]
+    resting: deque[int]
+    lags: deque[int]
+    """Degrees between the servo and its last target, at rest."""
+
+    @classmethod
+    def new(cls, now: float) -> Normal:
+        """Return the normal of a servo without readings."""
+        return cls(now, *(deque[int](maxlen=_MOST) for _ in range(3)))
+
+    @property
+    def is_known(self) -> bool:
+        """Whether currents say something: enough moving readings, and not all the same."""
+        return len(self.moving) >= _FEWEST and len({*self.moving, *self.resting}) > 1
+
+    @property
+    def most_current(self) -> tuple[int, bool]:
+        """The current below which nine of ten readings are, and whether it is the highest that the servo shows."""
+        level = max(_quantile(each, 0.9) for each in (self.moving, self.resting) if each)
+        return level, level >= max(self.moving)
+
+    @property
+    def most_lag(self) -> float:
+        """The lag in degrees beyond which a servo is far behind its course."""
+        return max(LEAST_LAG, 1.5 * _quantile(self.lags, 0.9) + 2) if len(self.lags) >= _FEWEST else LEAST_LAG
+
+
+class Stall(Struct, frozen=True):
+    """Stalled servo, with the numbers that say so."""
+
+    servo_id: int
+    angle: int
+    target: int
+    lag: int
+    """Degrees behind the course."""
+    seconds: float
+    """Seconds since the servo was first suspect."""
+    current: float
+    normal: int | None
+    """Current below which nine of ten of its readings are; None if the lag alone says that it is stalled."""
+    learnt: float
+    """Seconds since the first reading of the normal."""
+
+    def __str__(self) -> str:
+        """Return servo and numbers, such as `servo 3 is stalled: it stands at 41 degrees, ...`."""
+        text = (
+            f"servo {self.servo_id} is stalled: for {self.seconds:.1f} s it has stood at {self.angle} degrees, "
+            f"{self.lag} behind its course to {self.target}"
+        )
+        if self.normal is None:
+            return f"{text}; its normal current is not known, so the lag alone says this"
+        return f"{text}, and draws {self.current:.0f}, normally at most {self.normal} (learnt over {self.learnt:.0f} s)"
+
+
+class _Suspect(Struct):
+    since: float
+    currents: list[int]
+
+
+class Guard:
+    """Watches over servos. Readings are passed in with their time, in seconds of any clock that does not jump."""
+
+    def __init__(self, hottest: int | None = None) -> None:
+        """Warn before a raw temperature passes `hottest`; None for no warning."""
+        self._hot = None if hottest is None else Alarm("temperature_raw", ">", hottest)
+        self._alarms = AlarmWatch(() if self._hot is None else (self._hot,))
+        self._trends: dict[int, deque[tuple[float, int]]] = {}
+        self._heating = Lasting[int]()
+        self._stalling = Lasting[int]()
+        self._suspects: dict[int, _Suspect] = {}
+        self._stands: dict[int, int] = {}  # where each servo has stood still, or moved last
+        self._normals: dict[int, Normal] = {}
+
+    def normal(self, servo_id: int) -> Normal | None:
+        """Return the normal of a servo; None before its first reading."""
+        return self._normals.get(servo_id)
+
+    def stalls(self, servos: Iterable[Servo], way_of: Callable[[int], ServoWay | None], now: float) -> Iterator[Stall]:
+        """Take a reading; yield servos that have become stalled. `way_of` returns the latest movement of a servo."""
+        for servo in servos:
+            stall = None if servo.doubt else self._look(servo, way_of(servo.servo_id), now)
+            if stall is not None:
+                yield stall
+
+    def warnings(self, servos: Sequence[Servo], now: float) -> Iterator[str]:
+        """Take a reading; yield a text for each servo that has become too hot, or will be by its trend."""
+        if self._hot is None:
+            return
+        yield from map(str, self._alarms.check(servos, now))
+        for servo in servos:
+            if text := self._heat(self._hot, servo, now):
+                yield text
+
+    def _look(self, servo: Servo, way: ServoWay | None, now: float) -> Stall | None:
+        """Take the reading of a servo, and learn from it if nothing is suspect."""
+        servo_id, angle = servo.servo_id, int(servo.angle)
+        normal = self._normals.setdefault(servo_id, Normal.new(now))
+        is_still = abs(angle - self._stands.setdefault(servo_id, angle)) <= _STILL
+        if not is_still:
+            self._stands[servo_id] = angle
+        is_commanded = way is not None and way.began <= now <= way.began + way.seconds + AFTERWARDS
+        lag = 0 if way is None else _lag(way, angle, now)
+        is_suspect = servo.is_start and servo.is_hold and is_commanded and is_still and lag > normal.most_lag
+        if not is_suspect or way is None:
+            self._suspects.pop(servo_id, None)
+            self._stalling.is_raised(servo_id, now, holds=False, seconds=0)
+            self._learn(normal, servo, way if servo.is_hold else None, now, is_still=is_still)
+            return None
+        suspect = self._suspects.setdefault(servo_id, _Suspect(now, []))
+        suspect.currents.append(servo.current)
+        current, level = median(suspect.currents), None
+        draws_more = len(suspect.currents) >= _FEWEST_SUSPECT
+        if normal.is_known:
+            level, is_highest = normal.most_current
+            draws_more = draws_more and (current > level or (is_highest and current == level))
+        seconds = STALLED_BY_LAG if level is None else STALLED
+        if now - suspect.since < seconds or not self._stalling.is_raised(servo_id, now, holds=draws_more, seconds=0):
+            return None
+        learnt = now - normal.began
+        return Stall(servo_id, angle, way.target, lag, now - suspect.since, current, level, learnt)
+
+    def _learn(self, normal: Normal, servo: Servo, way: ServoWay | None, now: float, *, is_still: bool) -> None:
+        """Add the reading of a servo that is not suspect to its normal."""
+        if way is None or now < way.began:
+            return
+        over = now - way.began - way.seconds
+        if over <= 0 and not is_still:
+            normal.moving.append(servo.current)
+        elif over > AFTERWARDS and servo.is_start:
+            normal.resting.append(servo.current)
+            normal.lags.append(abs(way.target - int(servo.angle)))
+
+    def _heat(self, hot: Alarm, servo: Servo, now: float) -> str:
+        """Return a text about a temperature that rises too high; empty for none, or if it was told."""
+        servo_id, value = servo.servo_id, servo.temperature
+        trend = self._trends.setdefault(servo_id, deque())
+        if not trend or now - trend[-1][0] >= 1.0:
+            trend.append((now, value))
+        while trend[0][0] < now - _LONGEST_TREND:
+            trend.popleft()
+        seconds = math.inf
+        if now - trend[0][0] >= _SHORTEST_TREND and not hot.is_bad(value):
+            slope, offset = linear_regression(*zip(*trend, strict=True))
+            seconds = (hot.limit - offset) / slope - now if slope > 0 else seconds
+        if not self._heating.is_raised(servo_id, now, holds=seconds <= AHEAD, seconds=_TREND_LASTS):
+            return ""
+        return f"servo {servo_id}: temperature_raw is {value}, and passes {hot.limit} in {seconds:.0f} s by its trend"
+
+
+def _lag(way: ServoWay, angle: int, now: float) -> int:
+    """Return by how many degrees a servo is behind its course, which is allowed to be a little late."""
+    return abs(round(way.at(max(way.began, now - _LATE))) - angle)
+
+
+def _quantile(values: Iterable[int], share: float) -> int:
+    ordered = sorted(values)
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
