@@ -6,8 +6,10 @@ import ast
 import gzip
 import json
 import re
+from collections import Counter
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from servolink import doctor
 from servolink.studio.static_files import page_files
@@ -18,17 +20,28 @@ WEB = VENDOR.parent
 MODULES = sorted(path for path in WEB.rglob("*.js") if "vendor" not in path.parts)
 _IMPORT = re.compile(r'(?:from|import)\s*"(\.[^"\n]+)";')
 _VALUE = re.compile(r"\{\w+\}")
-_KEY = re.compile(r'^  "([\w.]+)": "(.*)",$', re.MULTILINE)
-_LANGUAGES = sorted(path.stem for path in WEB.glob("texts/*.js") if "export const texts = {" in path.read_text("utf-8"))
+_LANGUAGES = sorted(path.stem for path in WEB.glob("texts/*.json"))
 _GZIPPED = 250_000
-_CHINESE = {"/texts/zh-Hant.js", "/texts/said-zh.js"}
-"""Loaded at once by pages in that language, beside English."""
+_OTHER_LANGUAGES = {"/texts/en.json", "/texts/zh-Hans.json"}
+"""A page loads the texts of its own language, of which the Traditional Chinese ones are the longest."""
 _LICENCES = "/vendor/LICENCES.txt"
 """For people, and never asked for by the page."""
 
 
+def language_file(language: str) -> Any:
+    """Return the content of the file of a language. No key may stand there twice."""
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        assert len(dict(pairs)) == len(pairs), [
+            key for key, times in Counter(key for key, _ in pairs).items() if times > 1
+        ]
+        return dict(pairs)
+
+    return json.loads((WEB / f"texts/{language}.json").read_text(encoding="utf-8"), object_pairs_hook=unique)
+
+
 def texts(language: str) -> dict[str, str]:
-    return dict(_KEY.findall((WEB / f"texts/{language}.js").read_text(encoding="utf-8")))
+    return dict(language_file(language)["texts"])
 
 
 def test_libraries_are_those_that_were_recorded() -> None:
@@ -61,12 +74,15 @@ def test_languages_have_the_same_texts_with_the_same_values() -> None:
 
 def test_traditional_chinese_has_no_simplified_characters() -> None:
     """The characters of Big5 are those of Taiwan; the name of the language in its own characters is elsewhere."""
-    for text in texts("zh-Hant").values():
+    found = language_file("zh-Hant")
+    values = [*found["texts"].values(), *(text for one in found["findings"].values() for text in one.values())]
+    values += [text for messages in found["messages"].values() for text in messages.values()]
+    for text in values:
         assert text.encode("big5hkscs").decode("big5hkscs") == text
 
 
 def test_every_text_is_used() -> None:
-    code = "\n".join(path.read_text(encoding="utf-8") for path in MODULES if "texts" not in path.parts)
+    code = "\n".join(path.read_text(encoding="utf-8") for path in MODULES)
     unused = [key for key in texts("en") if f'"{key}"' not in code and not is_made(key, code)]
     assert unused == []
 
@@ -104,9 +120,11 @@ def test_modules_are_served_without_comments_and_with_the_lines_of_the_source() 
 
 def test_the_first_load_of_the_page_is_small() -> None:
     files = page_files()
-    asked_later = {f"/{path.relative_to(WEB).as_posix()}" for path in MODULES} - modules_at_first() - _CHINESE | {
-        _LICENCES
-    }
+    asked_later = (
+        {f"/{path.relative_to(WEB).as_posix()}" for path in MODULES} - modules_at_first()
+        | _OTHER_LANGUAGES
+        | {_LICENCES}
+    )
     asked_later |= {name for name in files if name.startswith("/vendor/blockly/")}
     assert 100_000 < sum(len(gzip.compress(files[name].content)) for name in files.keys() - asked_later) < _GZIPPED
 
@@ -135,24 +153,25 @@ def test_every_finding_before_a_board_is_opened_has_a_chinese_text() -> None:
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Finding":
                 name = node.args[0]
                 checks.add(ast.literal_eval(constants.get(ast.unparse(name), name)))
-    text = (WEB / "texts/doctor.js").read_text(encoding="utf-8")
-    found = re.findall(r'^  "([^"]+)": \{ title: ".+", meaning: ".+" \},$', text, re.MULTILINE)
-    assert set(found) == checks
-    assert all(found.count(check) == 2 for check in checks)  # Simplified and Traditional
+    for language in ("zh-Hans", "zh-Hant"):
+        findings = language_file(language)["findings"]
+        assert set(findings) == checks
+        assert all(one.keys() == {"title", "meaning"} and all(one.values()) for one in findings.values())
 
 
 def test_translated_messages_are_those_of_the_modules_named_above_them() -> None:
-    place, found = "", 0
-    for row in (WEB / "texts/said-zh.js").read_text(encoding="utf-8").splitlines():
-        if heading := re.fullmatch(r"  // (servolink/\S+)", row):
-            place = heading[1]
-        elif template := re.fullmatch(r'  "(.+?)": (\[".+", ".+"\]),', row):
-            english, translations = template[1], json.loads(template[2])
-            assert _VALUE.sub("{}", english) in lines_in(place), f"{place}: {english}"
-            for translated in translations:
+    simplified, traditional = (language_file(language)["messages"] for language in ("zh-Hans", "zh-Hant"))
+    assert {place: list(messages) for place, messages in simplified.items()} == {
+        place: list(messages) for place, messages in traditional.items()
+    }
+    found = 0
+    for messages in (simplified, traditional):
+        for place, templates in messages.items():
+            for english, translated in templates.items():
+                assert _VALUE.sub("{}", english) in lines_in(place), f"{place}: {english}"
                 assert set(_VALUE.findall(translated)) <= set(_VALUE.findall(english)), translated
-            found += 1
-    assert found > 80
+                found += 1
+    assert found > 160
 
 
 @cache

@@ -1,5 +1,7 @@
 // Parts of a browser that modules of the page need, steered by tests: WebSocket, worker, window, document and storage.
 
+import { readFileSync } from "node:fs";
+
 /** Each WebSocket that was opened, the newest last. */
 export const sockets = [];
 
@@ -97,6 +99,10 @@ Object.assign(globalThis, {
   removeEventListener: (...args) => window.removeEventListener(...args),
   requestAnimationFrame: (draw) => frames.push(draw),
 });
+
+globalThis.fetch = async (url) => ({ json: async () => JSON.parse(readFileSync(url, "utf8")) });
+const { load, texts } = await import("../../../servolink/studio/web/texts/text.js");
+texts.value = await load("en");
 
 /** Let everything happen that waits for nothing but its turn. */
 export const turns = async () => {

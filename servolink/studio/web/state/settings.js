@@ -3,7 +3,7 @@
 import { batch, effect, signal } from "../html.js";
 import { forgetPalette } from "../figure/palette.js";
 import { forBrowser } from "./storage.js";
-import { language, languageOf, load, templates, texts } from "../texts/text.js";
+import { language, languageOf, load, texts } from "../texts/text.js";
 
 const KEY = "servolink.settings";
 
@@ -62,8 +62,7 @@ export function chooseLanguage(name) {
 async function show(name) {
   const loaded = await load(name);
   batch(() => {
-    texts.value = loaded.texts;
-    templates.value = loaded.templates;
+    texts.value = loaded;
     language.value = name;
   });
 }

@@ -1,14 +1,15 @@
 // Messages of the hub, the studio and the doctor in the language of the page.
 
 import { computed } from "../html.js";
-import { templates } from "./text.js";
+import { texts } from "./text.js";
 
 const NAME = /\{(\w+)\}/;
 
 /** Templates, split at their names, those with most literal text first. */
 const split = computed(() =>
-  templates.value
-    .map(({ english, translation }) => {
+  Object.values(texts.value.messages)
+    .flatMap((messages) => Object.entries(messages))
+    .map(([english, translation]) => {
       const parts = english.split(NAME);
       const literals = parts.filter((_, at) => at % 2 === 0);
       return { literals, names: parts.filter((_, at) => at % 2), translation, literal: literals.join("") };
@@ -20,7 +21,7 @@ const split = computed(() =>
  * Return a message in the language of the page, each line that has a template.
  * @param {string} text
  */
-export const said = (text) => (templates.value.length === 0 ? text : text.split("\n").map(line).join("\n"));
+export const said = (text) => (split.value.length === 0 ? text : text.split("\n").map(line).join("\n"));
 
 /**
  * @param {string} text

@@ -1,30 +1,19 @@
 // Texts of the page in the chosen language, with the plurals, numbers and dates of the language.
 
 import { computed, signal } from "../html.js";
-import { texts as english } from "./en.js";
 
-/** @typedef {keyof typeof english} Key */
+/** @typedef {keyof (typeof import("./en.json"))["texts"]} Key */
 /** @typedef {keyof typeof LANGUAGES} Language */
-/** @typedef {{ english: string, translation: string }} Template */
+/**
+ * File of a language.
+ * @typedef {object} Texts
+ * @property {Record<string, string>} texts of the page, by key
+ * @property {Record<string, { title: string, meaning: string }>} findings of the doctor, by the name of the check; none in English
+ * @property {Record<string, Record<string, string>>} messages of Python, by module and English template; none in English
+ */
 
 /** Names of the languages, each written in the language itself, by the tag in the attribute `lang` of the page. */
 export const LANGUAGES = { en: "English", "zh-Hans": "简体中文", "zh-Hant": "繁體中文" };
-
-/** Modules of the texts. English comes with the page, another language is loaded on demand. */
-const MODULES = {
-  en: async () => ({ texts: english, templates: [] }),
-  "zh-Hans": () => chinese("zh-Hans", import("./zh-Hans.js")),
-  "zh-Hant": () => chinese("zh-Hant", import("./zh-Hant.js")),
-};
-
-/**
- * @param {"zh-Hans" | "zh-Hant"} tag
- * @param {Promise<{ texts: Record<Key, string> }>} module
- */
-async function chinese(tag, module) {
-  const [{ texts }, { TEMPLATES }] = await Promise.all([module, import("./said-zh.js")]);
-  return { texts, templates: TEMPLATES[tag] };
-}
 
 /** Categories of plurals, in the order of the forms of a text. */
 const PLURALS = ["zero", "one", "two", "few", "many", "other"];
@@ -32,9 +21,7 @@ const PLURALS = ["zero", "one", "two", "few", "many", "other"];
 /** Language of all texts on the page. */
 export const language = signal(/** @type {Language} */ ("en"));
 /** Texts in the language of the page. */
-export const texts = signal(/** @type {Record<Key, string>} */ (english));
-/** Templates of the messages that Python programs word in English; none for English. */
-export const templates = signal(/** @type {Template[]} */ ([]));
+export const texts = signal(/** @type {Texts} */ ({ texts: {}, findings: {}, messages: {} }));
 
 /** Tag of the language with the region of the browser: dates in Sydney differ from dates in Chicago. */
 const locale = computed(() => navigator.languages.find((tag) => languageOf(tag) === language.value) ?? language.value);
@@ -62,11 +49,11 @@ export function languageOf(tag) {
 const LANGUAGE_TAGS = /** @type {Language[]} */ (Object.keys(LANGUAGES));
 
 /**
- * Return the texts of a language, and the templates of messages. Rejects if the studio does not answer.
- * @param {Language} language
- * @returns {Promise<{ texts: Record<Key, string>, templates: Template[] }>}
+ * Return the texts of a language. Rejects if the studio does not answer.
+ * @param {Language} tag
+ * @returns {Promise<Texts>}
  */
-export const load = (language) => MODULES[language]();
+export const load = async (tag) => (await fetch(new URL(`${tag}.json`, import.meta.url))).json();
 
 /**
  * Return a text with the values in place of `{name}`. The value of `count` chooses among the forms of `singular|plural`.
@@ -74,7 +61,7 @@ export const load = (language) => MODULES[language]();
  * @param {Record<string, string | number>} [values]
  */
 export function t(key, values = {}) {
-  const forms = texts.value[key].split("|");
+  const forms = (texts.value.texts[key] ?? key).split("|");
   const form = forms.length > 1 ? pluralOf.value(Number(values.count)) : 0;
   return forms[form].replace(/\{(\w+)\}/g, (whole, name) => String(values[name] ?? whole));
 }

@@ -5,8 +5,7 @@ import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { isLive, mayEdit } from "../../state/robot.js";
 import { said } from "../../texts/said.js";
-import { FINDINGS } from "../../texts/doctor.js";
-import { language, number, t } from "../../texts/text.js";
+import { number, t, texts } from "../../texts/text.js";
 import { useAnswer } from "./asking.js";
 import { Command } from "./command.js";
 
@@ -38,7 +37,7 @@ export function Doctor({ link }) {
 
 /** @param {{ number: number, finding: Finding }} props */
 export function One({ number, finding: { check, observation, meaning, remedy } }) {
-  const known = FINDINGS[language.value]?.[check];
+  const known = texts.value.findings[check];
   return html`<div class="finding">
     <div class="row"><span class="chip warn num">${number}</span><b>${known?.title ?? safeText(check)}</b></div>
     <dl>
