@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from collections.abc import Iterator
+import os
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from importlib.resources import files
 from typing import Any
 
 from servolink.boards import resolve_url, search
@@ -16,7 +20,7 @@ from servolink.cli.screen.output import Table
 from servolink.cli.screen.result import CommandResult, Ending, Part, Returned
 from servolink.cli.usage import usage_error
 from servolink.doctor import Finding, ProbeResponse, Report, SystemFacts, examine, rules_for
-from servolink.support import ExitCode
+from servolink.support import ExitCode, read_json
 from servolink.transports import DeviceInfo
 
 _PERCENTILES = (50, 90, 99)
@@ -66,7 +70,7 @@ def run(args: argparse.Namespace) -> Ending:
         report = await examine(facts, board, args.byte_order, args.timeout)
         is_well = all(each.is_harmless for each in report.findings)
         code = ExitCode.NO_BOARD if report.is_absent else ExitCode.OK if is_well else ExitCode.FAILED
-        return Returned(Examination(**examined(report)), report_text(report), code)
+        return Returned(Examination(**examined(report)), report_text(report, Speech(os.environ)), code)
 
     return run_interruptible(main, "nothing was changed")
 
@@ -101,14 +105,76 @@ def examined(report: Report) -> dict[str, Any]:
     }
 
 
-def report_text(report: Report) -> Iterator[Part]:
+class Speech:
+    """Language of a shell, with the texts that the studio has for messages and findings."""
+
+    _VALUE = re.compile(r"\{\w+\}")
+
+    def __init__(self, environment: Mapping[str, str], encoding: str | None = None) -> None:
+        """Take the language of `environment`, and English if `encoding`, by default of the output, has no Chinese."""
+        name = next((found for each in ("LC_ALL", "LC_MESSAGES", "LANG") if (found := environment.get(each))), "")
+        is_chinese = name.startswith("zh") and "中".encode(encoding or sys.stdout.encoding, "ignore") != b""
+        self.tag = "en" if not is_chinese else "zh-Hant" if re.search("TW|HK|MO|Hant", name) else "zh-Hans"
+        texts = read_json((files("servolink") / f"studio/web/texts/{self.tag}.json").read_text("utf-8"))
+        self._findings: Mapping[str, Mapping[str, str]] = texts["findings"]
+        messages = {
+            english: text
+            for place, each in texts["messages"].items()
+            if "doctor" in place or "transports" in place  # a template of others could fit a part of a sentence
+            for english, text in each.items()
+        }
+        self._messages = dict(sorted(messages.items(), key=lambda one: -len(self._VALUE.sub("", one[0]))))
+
+    def said(self, text: str) -> str:
+        """Return a message in this language, line by line; a line without a translation stays."""
+        return "\n".join(map(self._line, text.split("\n"))) if self._messages else text
+
+    def _line(self, text: str) -> str:
+        for english, translation in self._messages.items():
+            if (values := _values_in(text, self._VALUE.split(english))) is not None:
+                told = dict(zip(self._VALUE.findall(english), map(self._line, values), strict=True))
+                if re.search(r"\w", self._VALUE.sub("", english)) or [*told.values()] != values:
+                    return re.sub(self._VALUE, lambda found: told[found[0]], translation)  # noqa: B023 - called at once
+        return text
+
+    def title(self, finding: Finding) -> str:
+        """Return the name of the check of a finding."""
+        return self._findings.get(finding.check, {}).get("title") or self.said(finding.check)
+
+    def meaning(self, finding: Finding) -> str:
+        """Return the meaning of a finding."""
+        return self._findings.get(finding.check, {}).get("meaning") or self.said(finding.meaning)
+
+
+def _values_in(text: str, literals: list[str]) -> list[str] | None:
+    """Return the values between literals, each as short as possible, in linear time; None for another text."""
+    first, *others = literals
+    if not others:
+        return [] if text == first else None
+    last, start, values = others.pop(), len(first), list[str]()
+    for literal in others:
+        if (at := text.find(literal, start)) < 0:
+            return None
+        values.append(text[start:at])
+        start = at + len(literal)
+    end = len(text) - len(last)
+    fits = start <= end and text.startswith(first) and text.endswith(last)
+    return [*values, text[start:end]] if fits else None
+
+
+def report_text(report: Report, speech: Speech) -> Iterator[Part]:
     """Yield an examination for people: the facts, then each finding with its remedy."""
-    yield Table((), list(_facts(report)))
+    said = speech.said
+    yield Table((), [(said(name), said(fact)) for name, fact in _facts(report)])
     for number, finding in enumerate(report.findings, 1):
-        yield from ("", (f"{number}. {finding.check}", "bold"))
-        yield Table((), [("observation", finding.observation), ("meaning", finding.meaning), *_steps(finding.remedy)])
+        yield from ("", (f"{number}. {speech.title(finding)}", "bold"))
+        observation, meaning = (
+            (said("observation"), said(finding.observation)),
+            (said("meaning"), speech.meaning(finding)),
+        )
+        yield Table((), [observation, meaning, *((said(name), said(step)) for name, step in _steps(finding.remedy))])
     if not report.findings:
-        yield "nothing is wrong"
+        yield said("nothing is wrong")
 
 
 def _facts(report: Report) -> list[tuple[str, str]]:
