@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from msgspec import UNSET, Struct, UnsetType
+from msgspec import UNSET, Struct
 from msgspec.structs import replace
 
 from servolink.errors import ProjectError
@@ -124,9 +124,9 @@ def _images_by_figure(figure: Figure) -> dict[int, Mirror.ServoImage]:
             partner = by_id.get(other_side(joint.id), facing[at] if at < len(facing) else None)
             if partner is not None:
                 found |= _image_of(joint, partner, is_right=_is_right(name))
-    rest = [joint for joint in turned if joint.servo not in found] if found else []
-    for joint in rest:
-        found |= _image_of(joint, joint, is_right=False)
+    for joint in turned if found else ():
+        if joint.servo not in found:
+            found |= _image_of(joint, joint, is_right=False)
     return found
 
 
@@ -135,11 +135,7 @@ def _image_of(joint: Joint, image: Joint, *, is_right: bool) -> dict[int, Mirror
     (x, y, z), (a, b, c) = _direction(joint.axis), _direction(image.axis)
     way = image.sign if x * a - y * b - z * c >= 0 else -image.sign
     offset = way * joint.offset - image.sign * image.offset
-    return {_servo(joint): Mirror.ServoImage(_servo(image), way * joint.sign, offset, is_right)}
-
-
-def _servo(joint: Joint) -> int:
-    return 0 if isinstance(joint.servo, UnsetType) else joint.servo
+    return {joint.servo or 0: Mirror.ServoImage(image.servo or 0, way * joint.sign, offset, is_right)}
 
 
 def _direction(axis: Axis | Vector) -> Vector:

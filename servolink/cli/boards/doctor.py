@@ -9,7 +9,7 @@ import re
 import sys
 from collections.abc import Iterator, Mapping
 from importlib.resources import files
-from typing import Any
+from typing import Any, Literal
 
 from servolink.boards import resolve_url, search
 from servolink.cli.arguments import SERVO_NAME, not_empty
@@ -137,29 +137,23 @@ class Speech:
                     return re.sub(self._VALUE, lambda found: told[found[0]], translation)  # noqa: B023 - called at once
         return text
 
-    def title(self, finding: Finding) -> str:
-        """Return the name of the check of a finding."""
-        return self._findings.get(finding.check, {}).get("title") or self.said(finding.check)
-
-    def meaning(self, finding: Finding) -> str:
-        """Return the meaning of a finding."""
-        return self._findings.get(finding.check, {}).get("meaning") or self.said(finding.meaning)
+    def told(self, finding: Finding, field: Literal["title", "meaning"], english: str) -> str:
+        """Return the name of the check or the meaning of a finding; `english` is what Python says."""
+        return self._findings.get(finding.check, {}).get(field) or self.said(english)
 
 
 def _values_in(text: str, literals: list[str]) -> list[str] | None:
     """Return the values between literals, each as short as possible, in linear time; None for another text."""
-    first, *others = literals
-    if not others:
-        return [] if text == first else None
-    last, start, values = others.pop(), len(first), list[str]()
-    for literal in others:
-        if (at := text.find(literal, start)) < 0:
+    first, *between = literals
+    last = between.pop() if between else ""
+    values, rest = list[str](), text.removeprefix(first)
+    for literal in between:
+        value, found, rest = rest.partition(literal)
+        if not found:
             return None
-        values.append(text[start:at])
-        start = at + len(literal)
-    end = len(text) - len(last)
-    fits = start <= end and text.startswith(first) and text.endswith(last)
-    return [*values, text[start:end]] if fits else None
+        values.append(value)
+    fits = text.startswith(first) and rest.endswith(last) and (len(literals) > 1 or not rest)
+    return [*values, *[rest.removesuffix(last)] * (len(literals) > 1)] if fits else None
 
 
 def report_text(report: Report, speech: Speech) -> Iterator[Part]:
@@ -167,10 +161,10 @@ def report_text(report: Report, speech: Speech) -> Iterator[Part]:
     said = speech.said
     yield Table((), [(said(name), said(fact)) for name, fact in _facts(report)])
     for number, finding in enumerate(report.findings, 1):
-        yield from ("", (f"{number}. {speech.title(finding)}", "bold"))
+        yield from ("", (f"{number}. {speech.told(finding, 'title', finding.check)}", "bold"))
         observation, meaning = (
             (said("observation"), said(finding.observation)),
-            (said("meaning"), speech.meaning(finding)),
+            (said("meaning"), speech.told(finding, "meaning", finding.meaning)),
         )
         yield Table((), [observation, meaning, *((said(name), said(step)) for name, step in _steps(finding.remedy))])
     if not report.findings:
