@@ -166,8 +166,17 @@ def _checks_after_each_change(pico: EmulatedPico) -> bytes:
     return (add_action(20) + run_macro(9)) * 60
 
 
+def _a_long_action_beside_a_macro_of_it(pico: EmulatedPico) -> bytes:
+    """Store an action that fills the memory, and let a macro run it again and again; return requests to run it too."""
+    _ask(pico, add_action(1, *[(servo, 0, 0) for servo, _, _ in _ZEROS[:12_500]]))
+    assert _ask(pico, add_macro(1, *[(1, 0, 100, 30_000)] * 5), run_macro(1)) == [(30071, b"\1"), (30091, b"\1")]
+    return frame(20060, struct.pack("<i", 1)) * 100
+
+
 @pytest.mark.parametrize("line", ["uart", "usb"])
-@pytest.mark.parametrize("prepare", [_many_paths_to_a_long_macro, _checks_after_each_change])
+@pytest.mark.parametrize(
+    "prepare", [_a_long_action_beside_a_macro_of_it, _many_paths_to_a_long_macro, _checks_after_each_change]
+)
 def test_a_release_behind_requests_that_take_long_acts_in_time(
     line: str, prepare: Callable[[EmulatedPico], bytes]
 ) -> None:

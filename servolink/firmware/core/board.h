@@ -4,7 +4,7 @@
    board_ports` and the times that callers pass. All times are microseconds of one clock that never goes backwards.
 
    No function blocks, whatever the host sends or fails to read, whatever is stored and whatever the flash is doing: the
-   work of each call has a bound, and what is left is done by the next ones. A stop or a release acts within 10 ms of its
+   work of each call has a bound, and what is left is done by the next ones. A stop or a release acts within 5 ms of its
    last byte, and in its turn if that comes earlier. */
 
 #ifndef SERVOLINK_BOARD_H

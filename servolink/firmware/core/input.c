@@ -9,7 +9,7 @@
 #include <string.h>
 
 #define PATIENCE 250000U   /* a frame whose bytes stop for so long is rejected */
-#define OVERTAKING 10000U
+#define OVERTAKING 5000U
 #define BEGINNINGS 2048U   /* places at which a frame may begin that are judged in one call */
 #define MUCH 16384U        /* work after which what else may take long waits for the next tick */
 #define MAGIC_NUMBER 0x1d054c13U

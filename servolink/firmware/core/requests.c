@@ -130,7 +130,9 @@ static void execute_action_ex(HANDLER) {
     const struct record *action = current(board, ACTION, get_i32(content));
     if (!action) return;
     const uint8_t *bytes = record_content(action);
-    servos_move(board, board->now, bytes + 38, get_u16(bytes + 36), 65536);
+    uint32_t count = get_u16(bytes + 36);
+    board->work += 5U * count;
+    servos_move(board, board->now, bytes + 38, count, 65536);
 }
 
 /* 3 and 4: records, whose content is that of the request which added them */

@@ -128,7 +128,7 @@ struct board {
     const struct board_ports *ports;
     uint64_t now;    /* time of the call that is being made */
     uint64_t period; /* time of the next period */
-    uint32_t work;   /* bytes of requests and commands of macros that were looked through since the last tick */
+    uint32_t work;   /* bytes of requests, their actions and commands that were looked through since the last tick */
     bool subscribed;
     struct servo servos[BOARD_SERVOS];
     struct button buttons[BOARD_BUTTONS];
