@@ -161,7 +161,9 @@ def report_text(report: Report, speech: Speech) -> Iterator[Part]:
     said = speech.said
     yield Table((), [(said(name), said(fact)) for name, fact in _facts(report)])
     for number, finding in enumerate(report.findings, 1):
-        yield from ("", (f"{number}. {speech.told(finding, 'title', finding.check)}", "bold"))
+        title = speech.told(finding, "title", finding.check)
+        name = "" if title == finding.check else f" ({finding.check})"
+        yield from ("", (f"{number}. {title}{name}", "bold"))
         observation, meaning = (
             (said("observation"), said(finding.observation)),
             (said("meaning"), speech.told(finding, "meaning", finding.meaning)),

@@ -62,14 +62,14 @@ def test_a_report_is_whole_in_each_language() -> None:
     assert shown("zh_TW.UTF-8") == [
         [("已檢查", "serial:///dev/ttyS9")],
         "",
-        ("1. 容器", "bold"),
+        ("1. 容器 (container)", "bold"),
         [
             ("現象", "servolink 在容器中執行（Docker）"),
             ("原因", "容器只看得到啟動時交給它的裝置。"),
             ("處理方式", "docker run ..."),
         ],
         "",
-        ("2. 沒有控制板", "bold"),
+        ("2. 沒有控制板 (absent)", "bold"),
         [
             ("現象", "這裡沒有可能是控制板的序列埠、HID 或 USB 裝置，也沒有虛擬控制板"),
             ("原因", "nobody has translated this"),
