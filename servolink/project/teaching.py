@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import ChainMap
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from itertools import pairwise
 from typing import ClassVar
 
 from msgspec import Struct
@@ -20,6 +22,32 @@ class Pose(Struct, frozen=True):
     degrees: dict[int, int]
     """Angles by servo id."""
     seconds: float
+
+
+_CURVES: Mapping[str, Callable[[float], float]] = {
+    "linear": lambda time: time,
+    "soft": lambda time: (1 - math.cos(math.pi * time)) / 2,
+    "snap": lambda time: 1 - (1 - time) ** 3,
+}
+"""Share of the way by share of the time: steady, slow at both ends, or quick at first and then slower."""
+_SAMPLES = 64
+_ROUNDING = 0.5  # degrees: actions have whole ones
+
+
+def _distance(curve: Callable[[float], float], begin: float, until: float, low: float, high: float) -> float:
+    """Return how far the line from `low` to `high` is from a curve at most."""
+    shares = [at / _SAMPLES for at in range(_SAMPLES + 1)]
+    return max(abs(low + (high - low) * at - curve(begin + (until - begin) * at)) for at in shares)
+
+
+def _latest(share: Callable[[float], float], begin: int, units: int, allowed: float) -> int:
+    """Return the latest end of a line from `begin` that stays near a curve, all times in units."""
+
+    def is_far(end: int) -> bool:
+        first, last = begin / units, end / units
+        return _distance(share, first, last, share(first), share(last)) > allowed
+
+    return begin + 1 + bisect_left(range(begin + 2, units + 1), 1, key=is_far)
 
 
 class PoseRecorder:
@@ -50,6 +78,36 @@ class PoseRecorder:
         self._times = [now]
         self._seconds = seconds
         self._speed_cap = speed_cap
+
+    @classmethod
+    def eased(
+        cls, curve: str, start: Mapping[int, float], end: Mapping[int, int], seconds: float, error: float
+    ) -> tuple[PoseRecorder, float]:
+        """Return poses from `start` to `end` along the curve `linear`, `soft` or `snap`, and the worst error, degrees.
+
+        Servos turn steadily from pose to pose, by servo id, so each pose is as late as the error allows, at least 1
+        degree. The last pose has all servos, others only those that turn.
+        """
+        share, units = _CURVES[curve], max(1, round(seconds * 100))
+        ways = {servo_id: (start.get(servo_id, angle), angle) for servo_id, angle in end.items()}
+        longest = max((abs(last - first) for first, last in ways.values()), default=0)
+        times = [0]
+        while times[-1] < units:
+            times.append(_latest(share, times[-1], units, (error - _ROUNDING) / max(longest, _ROUNDING)))
+        recorder, worst = cls("", {}, 0, speed_cap=math.inf), 0.0
+        for begin, until in pairwise(times):
+            degrees: dict[int, int] = {}
+            for servo_id, (first, last) in ways.items():
+
+                def angle(at: float, first: float = first, way: float = last - first) -> float:
+                    return first + way * share(at / units)
+
+                low, high = round(angle(begin)), round(angle(until))
+                worst = max(worst, _distance(angle, begin, until, low, high))
+                if high != low or until == units:
+                    degrees[servo_id] = high
+            recorder.poses.append(Pose(degrees, (until - begin) / 100))
+        return recorder, worst
 
     def take(self, degrees: Mapping[int, int], now: float) -> Pose:
         """Record the present pose of the servos."""

@@ -104,6 +104,8 @@ class PoseFilm(Struct, forbid_unknown_fields=True):
     actions: ById
     """Captions of the actions that exist, likewise `macros`."""
     macros: ById
+    may_repeat: bool = False
+    """Whether other records may have the name."""
 
 
 class LessonMade(Struct, frozen=True):
@@ -117,6 +119,28 @@ class LessonMade(Struct, frozen=True):
     actions: tuple[Any, ...] = ()
     """Records in the form of project files, likewise `macros`."""
     macros: tuple[Any, ...] = ()
+
+
+class EasingAsk(Struct, forbid_unknown_fields=True):
+    """Movement to be eased."""
+
+    curve: Literal["linear", "soft", "snap"]
+    start: dict[Id, float]
+    """Pose before, degrees by servo id."""
+    end: dict[Id, int]
+    seconds: Annotated[float, Meta(ge=0, le=PoseRecorder.LONGEST)]
+    error: Annotated[float, Meta(ge=1, le=90)]
+    """Degrees from the curve, at most."""
+
+
+class Eased(Struct, frozen=True):
+    """Poses of an eased movement."""
+
+    poses: tuple[LessonPose, ...]
+    worst: float
+    """Largest distance from the curve, degrees."""
+    size_bytes: int
+    """Size of the records on the board."""
 
 
 class Images(Struct, frozen=True):
@@ -151,13 +175,24 @@ def lesson(caller: PageCaller, params: PoseFilm) -> LessonMade:
     if len(f"{params.name}{number}".encode(errors="replace")) > _CAPTION_BYTES:
         return LessonMade(seconds, tuple(least), "name_long")
     try:
-        PoseRecorder.refuse_duplicate(before, params.name)
+        if not params.may_repeat:
+            PoseRecorder.refuse_duplicate(before, params.name)
     except ProjectError:
         return LessonMade(seconds, tuple(least), "name_taken")
     after = extend_project(before, recorder.record()) if seconds and params.name else before
     actions = [record_to_json(one) for one in after.actions if one not in before.actions]
     macros = [record_to_json(one) for one in after.macros if one not in before.macros]
     return LessonMade(seconds, tuple(least), "", tuple(actions), tuple(macros))
+
+
+@METHODS.add("project.ease", Role.WATCH, touches=Touches.NOTHING)
+@computed
+def ease(caller: PageCaller, params: EasingAsk) -> Eased:
+    """Return a movement along a curve as poses that a board reaches one after another."""
+    start, end = _by_id(params.start), _by_id(params.end)
+    recorder, worst = PoseRecorder.eased(params.curve, start, end, params.seconds, params.error)
+    poses = [LessonPose({str(each): at for each, at in pose.degrees.items()}, pose.seconds) for pose in recorder.poses]
+    return Eased(tuple(poses), worst, extend_project(Project(), recorder.record()).total_size())
 
 
 def _by_id(values: Mapping[str, T]) -> dict[int, T]:

@@ -5,6 +5,9 @@ Module: servolink.project.teaching.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import pytest
 
 from servolink.errors import ProjectError
@@ -90,3 +93,63 @@ def test_a_name_that_is_no_caption_is_refused() -> None:
     long.take({1: 1}, 1.0)
     with pytest.raises(ProjectError, match="a caption has at most 32 bytes"):
         build_project(long.record())
+
+
+END, START = {1: 90, 2: -30}, {1: 0.0, 2: 0.0}
+CURVES = {
+    "linear": lambda time: time,
+    "soft": lambda time: (1 - math.cos(math.pi * time)) / 2,
+    "snap": lambda time: 1 - (1 - time) ** 3,
+}
+
+
+def test_a_linear_movement_is_one_pose() -> None:
+    recorder, worst = PoseRecorder.eased("linear", START, END, 1.0, 1)
+    assert [(pose.degrees, pose.seconds) for pose in recorder.poses] == [(END, 1.0)]
+    assert worst < 1e-9
+
+
+@pytest.mark.parametrize("error", [1, 2, 5, 20])
+@pytest.mark.parametrize("curve", ["soft", "snap"])
+@pytest.mark.parametrize("seconds", [0.0, 0.03, 1.0, PoseRecorder.LONGEST])
+def test_an_eased_movement_stays_near_its_curve_and_takes_its_time(curve: str, error: int, seconds: float) -> None:
+    recorder, worst = PoseRecorder.eased(curve, START, END, seconds, error)
+    assert sum(pose.seconds for pose in recorder.poses) == pytest.approx(max(seconds, 0.01))
+    assert recorder.poses[-1].degrees == END
+    assert all(pose.seconds >= 0.01 for pose in recorder.poses)
+    if seconds >= 1:
+        assert worst <= error
+        assert furthest(recorder, CURVES[curve]) == pytest.approx(worst, abs=0.1)
+
+
+def furthest(recorder: PoseRecorder, curve: Callable[[float], float]) -> float:
+    """Return the largest distance of the movement from its curve, looked at each 10 ms."""
+    total, begin, worst, before = sum(pose.seconds for pose in recorder.poses), 0.0, 0.0, dict(START)
+    for pose in recorder.poses:
+        after = {**before, **pose.degrees}
+        for at in range(round(pose.seconds * 100) + 1):
+            done = at / round(pose.seconds * 100)
+            for servo, end in END.items():
+                angle = before[servo] + (after[servo] - before[servo]) * done
+                worst = max(worst, abs(angle - end * curve((begin + pose.seconds * done) / total)))
+        begin, before = begin + pose.seconds, after
+    return worst
+
+
+def test_less_error_takes_more_poses() -> None:
+    fine, coarse = (len(PoseRecorder.eased("soft", START, END, 1.0, error)[0].poses) for error in (1, 10))
+    assert fine > coarse >= 2
+
+
+def test_soft_begins_slowly_and_snap_quickly() -> None:
+    speeds = {}
+    for curve in ("soft", "snap"):
+        first = PoseRecorder.eased(curve, START, END, 1.0, 2)[0].poses[0]
+        speeds[curve] = first.degrees[1] / first.seconds
+    assert speeds["soft"] < 90 < speeds["snap"]
+
+
+def test_a_servo_that_stands_right_already_is_in_the_last_pose_only() -> None:
+    recorder, _ = PoseRecorder.eased("soft", {1: 0.0}, END, 1.0, 2)
+    assert all(pose.degrees.keys() == {1} for pose in recorder.poses[:-1])
+    assert recorder.poses[-1].degrees == END

@@ -62,6 +62,7 @@ def test_a_movement_is_eased_at_the_cost_that_was_shown(studio: Studio, browser:
         dialog.get_by_role("button", name="Linear").click()
         expect(dialog.get_by_role("button", name="Make 1 actions")).to_be_disabled()
         dialog.get_by_role("button", name="Soft").click()
+        expect(dialog.get_by_role("note")).to_contain_text("actions and a macro")  # the answer of the library
         cost = re.search(r"(\d+) actions and a macro, (\d+) bytes", dialog.get_by_role("note").inner_text())
         assert cost is not None
         dialog.get_by_role("button", name="Make").click()

@@ -57,6 +57,20 @@ def test_poses_taken_by_hand_get_times_and_become_records() -> None:
     run(test)
 
 
+def test_a_movement_is_eased_and_becomes_records_of_the_size_that_was_told() -> None:
+    async def test(place: Place) -> None:
+        movement = {"curve": "soft", "start": {"2": 0}, "end": {"2": 90}, "seconds": 1, "error": 2}
+        eased = (await called(place, "project.ease", **movement))["result"]
+        question = {**LESSON, "name": "Old", "poses": eased["poses"], "caps": {}, "may_repeat": True}
+        made = (await called(place, "project.lesson", **question))["result"]
+        count = len(eased["poses"])
+        assert (len(made["actions"]), len(made["macros"][0]["commands"])) == (count, count)
+        assert eased["size_bytes"] == (38 + 5) * count + 38 + 12 * count
+        assert 0.5 <= eased["worst"] <= 2
+
+    run(test)
+
+
 @pytest.mark.parametrize(
     ("name", "count", "refusal"),
     [

@@ -24,13 +24,22 @@ export const LONGEST = 327.67; // seconds
  * @param {Project | null} project that has the names that are taken
  */
 export const lessonOf = (name, film, start, caps, project) => ({
-  name,
+  ...namesOf(name, project),
   poses: film.map(({ pose, ids, seconds }) => ({
     degrees: Object.fromEntries(ids.map((id) => [id, pose[id]])),
     seconds: Math.max(0, Math.min(LONGEST, seconds)),
   })),
   start: rounded(start),
   caps,
+});
+
+/**
+ * Return a name for new records, and the names that are taken.
+ * @param {string} name
+ * @param {Project | null} project
+ */
+export const namesOf = (name, project) => ({
+  name,
   actions: Object.fromEntries((project?.actions ?? []).map((one) => [one.action_id, one.action_caption])),
   macros: Object.fromEntries((project?.macros ?? []).map((one) => [one.macro_id, one.macro_caption])),
 });

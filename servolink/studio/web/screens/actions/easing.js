@@ -1,35 +1,51 @@
 // Easing of the movement to an action: the curve, the error, and what they cost, before anything is made.
 
-import { html, useState } from "../../html.js";
+import { html, useEffect, useState } from "../../html.js";
 import { Dialog } from "../../parts/dialog.js";
 import { Note } from "../../parts/note.js";
 import { NumberField } from "../../parts/number-field.js";
+import { safeText } from "../../parts/safe-text.js";
 import { Segments } from "../../parts/segments.js";
-import { bytesOf, eased, LEAST_ERROR } from "../../state/easing.js";
-import { commandOf } from "../../state/edit-macro.js";
-import { edit } from "../../state/project.js";
-import { fitCaption, freeId, withRecord } from "../../state/records.js";
+import { namesOf, rounded } from "../../state/film.js";
+import { ask } from "../../state/library.js";
+import { draft, edit } from "../../state/project.js";
+import { fitCaption, poseOf, secondsOf, withMade } from "../../state/records.js";
 import { action, ghostAction, nameOfAction, startPose } from "../../state/shown-action.js";
-import { editToast } from "../../state/toasts.js";
+import { editToast, toast } from "../../state/toasts.js";
 import { degrees, number, t } from "../../texts/text.js";
 
-/** @typedef {import("../../state/easing.js").Curve} Curve */
+/** @typedef {"linear" | "soft" | "snap"} Curve */
+/** Answer of the library. @typedef {{ poses: { degrees: Record<string, number>, seconds: number }[], worst: number, size_bytes: number }} Eased */
 
-const MOST_ERROR = 20; // degrees
+const LEAST_ERROR = 1, // degree: the board takes whole ones
+  MOST_ERROR = 20;
+/** @type {Eased} */
+const NOTHING = { poses: [], worst: 0, size_bytes: 0 };
 
 /** @param {{ onClose: () => void }} props */
 export function EasingDialog({ onClose }) {
   const [curve, setCurve] = useState(/** @type {Curve} */ ("soft")),
     [error, setError] = useState(2);
-  const one = action.value;
+  const [{ poses, worst, size_bytes }, setEased] = useState(NOTHING);
+  const one = action.value,
+    ghost = ghostAction.value;
+  useEffect(() => {
+    let isWanted = one !== null;
+    if (one === null) return undefined;
+    const movement = { start: rounded(startPose(ghost)), end: poseOf(one), seconds: secondsOf(one) };
+    ask("project.ease", { ...movement, curve, error }).then(
+      (answer) => isWanted && setEased(answer),
+      () => isWanted && setEased(NOTHING),
+    );
+    return () => void (isWanted = false);
+  }, [one, ghost, curve, error]);
   if (one === null) return null;
-  const { parts, worst } = eased(curve, startPose(ghostAction.value), one.steps, error);
   const from = ghostAction.value ? nameOfAction(ghostAction.value) : t("actions.ghost_robot"),
-    isOne = parts.length < 2;
-  const values = { count: parts.length, bytes: bytesOf(parts), worst: number(worst, 1) };
+    isOne = poses.length < 2;
+  const values = { count: poses.length, bytes: size_bytes, worst: number(worst, 1) };
   const make = () => {
     onClose();
-    makeEased(one, parts);
+    makeEased(nameOfAction(one), poses);
   };
   return html`<${Dialog} title=${t("easing.title", { name: nameOfAction(one) })} onClose=${onClose}>
     <div class="stack">
@@ -55,24 +71,23 @@ export function EasingDialog({ onClose }) {
 
 /**
  * Add the actions of an eased movement to the draft, and a macro that plays them.
- * @param {import("../../state/records.js").Action} one
- * @param {import("../../state/records.js").Step[][]} parts
+ * @param {string} name
+ * @param {Eased["poses"]} poses
  */
-function makeEased(one, parts) {
-  const name = nameOfAction(one);
-  edit(["easing.did_make", { name }], (before) => {
-    let project = before;
-    const commands = parts.map((steps, index) => {
-      const action_id = freeId("actions", project);
-      project = withRecord(project, "actions", {
-        action_id,
-        action_caption: fitCaption(`${name} ${index + 1}`),
-        steps,
-      });
-      return commandOf("action", action_id);
-    });
-    const macro_id = freeId("macros", project);
-    return withRecord(project, "macros", { macro_id, macro_caption: fitCaption(name), commands });
-  });
-  editToast({ title: t("easing.made", { name }), detail: t("easing.made_detail") });
+async function makeEased(name, poses) {
+  const project = draft.value;
+  let fitting = name;
+  while (fitCaption(`${fitting} ${poses.length}`) !== `${fitting} ${poses.length}`)
+    fitting = [...fitting].slice(0, -1).join("");
+  const question = { ...namesOf(fitting, project), poses, start: {}, caps: {}, may_repeat: true };
+  try {
+    const made = await ask("project.lesson", question);
+    if (draft.value !== project) return makeEased(name, poses); // edited meanwhile, so that other ids are free
+    edit(["easing.did_make", { name }], (before) => withMade(before, made));
+    editToast({ title: t("easing.made", { name }), detail: t("easing.made_detail") });
+  } catch (error) {
+    const detail = error instanceof Error ? safeText(error.message) : "";
+    toast({ kind: "bad", title: t("note.problem"), detail });
+  }
+  return undefined;
 }
