@@ -30,7 +30,7 @@ _CURVES: Mapping[str, Callable[[float], float]] = {
     "snap": lambda time: 1 - (1 - time) ** 3,
 }
 """Share of the way by share of the time: steady, slow at both ends, or quick at first and then slower."""
-_SAMPLES = 64
+_SAMPLES = 24
 _ROUNDING = 0.5  # degrees: actions have whole ones
 
 

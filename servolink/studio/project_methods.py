@@ -70,6 +70,8 @@ class BackupNumber(Struct, forbid_unknown_fields=True):
 Id: TypeAlias = Annotated[str, Meta(pattern="^-?[0-9]{1,10}$")]
 ById: TypeAlias = dict[Id, Annotated[str, Meta(max_length=256)]]
 """Captions by id."""
+Angles: TypeAlias = Annotated[dict[Id, Annotated[int, Meta(ge=-0x7FFF, le=0x7FFF)]], Meta(max_length=256)]
+"""Whole degrees by servo id."""
 T = TypeVar("T")
 
 _CAPTION_BYTES = 32
@@ -86,9 +88,8 @@ class Sides(Struct, forbid_unknown_fields=True):
 class LessonPose(Struct, forbid_unknown_fields=True):
     """Pose taken by hand."""
 
-    degrees: dict[Id, Annotated[int, Meta(ge=-0x7FFF, le=0x7FFF)]]
-    """Angles by servo id."""
-    seconds: Annotated[float, Meta(ge=0)]
+    degrees: Angles
+    seconds: Annotated[float, Meta(ge=0, le=PoseRecorder.LONGEST)]
     """Time since the pose before."""
 
 
@@ -97,9 +98,9 @@ class PoseFilm(Struct, forbid_unknown_fields=True):
 
     name: str
     poses: Annotated[list[LessonPose], Meta(max_length=1000)]
-    start: dict[Id, int]
-    """Pose before the first one, degrees by servo id."""
-    caps: dict[Id, Annotated[float, Meta(gt=0)]]
+    start: Angles
+    """Pose before the first one."""
+    caps: dict[Id, Annotated[float, Meta(ge=0.001, le=1e9)]]
     """Highest speed of each servo in the poses, degrees per second."""
     actions: ById
     """Captions of the actions that exist, likewise `macros`."""
@@ -125,9 +126,9 @@ class EasingAsk(Struct, forbid_unknown_fields=True):
     """Movement to be eased."""
 
     curve: Literal["linear", "soft", "snap"]
-    start: dict[Id, float]
-    """Pose before, degrees by servo id."""
-    end: dict[Id, int]
+    start: Angles
+    """Pose before."""
+    end: Angles
     seconds: Annotated[float, Meta(ge=0, le=PoseRecorder.LONGEST)]
     error: Annotated[float, Meta(ge=1, le=90)]
     """Degrees from the curve, at most."""

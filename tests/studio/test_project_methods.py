@@ -9,7 +9,8 @@ import pytest
 
 from servolink import Action, Macro, MacroCommand, Project, Step
 from servolink.boards import BoardProfile, ProfileInUse, SafetyLimits
-from servolink.project import BackupStore, ProjectFile
+from servolink.control import Code
+from servolink.project import BackupStore, PoseRecorder, ProjectFile
 from servolink.studio.project_methods import findings
 from tests.studio.serving import Place, call, run, welcomed
 
@@ -69,6 +70,36 @@ def test_a_movement_is_eased_and_becomes_records_of_the_size_that_was_told() -> 
         assert 0.5 <= eased["worst"] <= 2
 
     run(test)
+
+
+@pytest.mark.parametrize(
+    ("method", "more"),
+    [
+        ("project.ease", {"end": {"2": 10**400}}),
+        ("project.ease", {"start": {"2": -0x8000}}),
+        ("project.ease", {"seconds": 1e300}),
+        ("project.ease", {"error": 0}),
+        ("project.ease", {"end": {str(servo): 1 for servo in range(257)}}),
+        ("project.lesson", {"start": {"2": 10**400}}),
+        ("project.lesson", {"caps": {"2": 1e-320}}),
+        ("project.lesson", {"poses": [{"degrees": {"2": 1}, "seconds": 1e300}]}),
+        ("project.images", {"captions": {"two": "left"}}),
+    ],
+)
+def test_values_that_no_board_takes_are_refused_by_name(method: str, more: dict[str, Any]) -> None:
+    async def test(place: Place) -> None:
+        movement = {"curve": "soft", "start": {"2": 0}, "end": {"2": 90}, "seconds": 1, "error": 2}
+        params = {"project.ease": movement, "project.lesson": {**LESSON, "poses": []}}.get(method, {})
+        answer = await called(place, method, **{**params, **more})
+        assert answer["error"]["code"] == Code.INVALID_PARAMS
+
+    run(test)
+
+
+def test_the_longest_movement_of_all_servos_has_less_than_a_thousand_poses() -> None:
+    start, end = (dict.fromkeys(range(256), way) for way in (-0x7FFF, 0x7FFF))
+    recorder, _ = PoseRecorder.eased("soft", start, end, PoseRecorder.LONGEST, 1)
+    assert len(recorder.poses) < 1000
 
 
 @pytest.mark.parametrize(
