@@ -9,6 +9,7 @@ const { MotionState, TRANSITIONS } = await import(`${web}state/motion-state.js`)
 const { Nudges } = await import(`${web}state/nudging.js`);
 const { lease, linkState, servos, welcome } = await import(`${web}state/robot.js`);
 const { RequestError } = await import(`${web}link/link.js`);
+const { tintOf } = await import(`${web}screens/live/stage-card.js`);
 
 let link, motion;
 
@@ -395,4 +396,14 @@ test("movements of a lost lease are not ended: another page moves the robot", as
   motion.end();
   await turns();
   assert.equal(link.taken("move.end"), null);
+});
+
+test("the servo whose stall stopped the robot is marked until it is started, or another stop comes", () => {
+  const marked = () => [1, 2].filter((id) => tintOf(servos.value.get(id)) !== null);
+  link.listeners.get("stopped")({ by: null, reason: "servo 2 is stalled", stalled: 2 });
+  assert.deepEqual(marked(), []);
+  servos.value = new Map([1, 2].map((id) => [id, { servo_id: id, angle: 0, is_start: false, is_hold: true }]));
+  assert.deepEqual(marked(), [2]);
+  link.listeners.get("stopped")({ by: "a page" });
+  assert.deepEqual(marked(), []);
 });

@@ -6,7 +6,7 @@ import { RequestError } from "../link/link.js";
 import { stopPorts } from "../link/worker-line.js";
 import { LatestPose } from "./latest-pose.js";
 import { MotionState } from "./motion-state.js";
-import { isMine, linkState, problem, servos } from "./robot.js";
+import { isMine, linkState, problem, servos, stalled } from "./robot.js";
 
 /** @typedef {import("../link/link.js").Link} Link */
 /** @typedef {import("../figure/figure.js").Pose} Pose */
@@ -51,7 +51,10 @@ export class Motion {
     effect(() => {
       if (!isMine.value || linkState.value !== "open") this.#drop(); // somebody took over, or the connection is gone
     });
-    link.on("stopped", () => this.#drop()); // targets from before a stop are not sent after it
+    link.on("stopped", (notice) => {
+      stalled.value = notice.stalled ?? null; // not told by the hub of an earlier version
+      this.#drop(); // targets from before a stop are not sent after it
+    });
     for (const [target, name] of /** @type {[EventTarget, string][]} */ ([
       [window, "blur"],
       [window, "pagehide"],

@@ -29,6 +29,8 @@ export const lease = signal(/** @type {Lease | null} */ (null));
 export const hold = signal(/** @type {Hold | null} */ (null));
 /** Latest problem reported by the hub; empty after a dismissal. */
 export const problem = signal("");
+/** Servo whose stall made the guard stop the robot, until the next stop; null for none. */
+export const stalled = signal(/** @type {number | null} */ (null));
 /** Programs connected to the hub, pages included. */
 export const programs = signal(/** @type {Program[]} */ ([]));
 /** The latest reading, by servo id. It is replaced as a whole, up to 50 times a second. */

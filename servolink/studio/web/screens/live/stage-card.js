@@ -8,7 +8,7 @@ import { FigureStage } from "../../parts/stage.js";
 import { ViewChoice } from "../../parts/view-choice.js";
 import { figure } from "../../state/figure.js";
 import { targets } from "../../state/motion.js";
-import { actualPose, isFresh, isLive, isOthers, mayMove, readAt, servos } from "../../state/robot.js";
+import { actualPose, isFresh, isLive, isOthers, mayMove, readAt, servos, stalled } from "../../state/robot.js";
 import { canReach, endReach, reach } from "../../state/reach.js";
 import { chooseMode, chooseServo, chosen, draft, dropTargets, mode, views } from "../../state/view.js";
 import { t } from "../../texts/text.js";
@@ -18,6 +18,17 @@ import { drag } from "./servo-row.js";
 /** @typedef {import("../../figure/matrix.js").Vector} Vector */
 
 const LIMP = /** @type {Vector} */ ([0.82, 0.41, 0.12]);
+const STALLED = /** @type {Vector} */ ([0.86, 0.12, 0.16]);
+
+/**
+ * Return the tint of the part of a servo; null without a mark.
+ * @param {import("../../state/robot.js").Servo | undefined} servo
+ */
+export function tintOf(servo) {
+  if (servo?.is_hold === false) return { tint: LIMP, amount: 0.7 };
+  if (servo !== undefined && !servo.is_start && servo.servo_id === stalled.value) return { tint: STALLED, amount: 0.8 };
+  return null;
+}
 
 /** @param {Tools} tools */
 export function StageCard({ motion }) {
@@ -92,7 +103,7 @@ function scene(motion) {
     target: () => (Object.keys(wanted()).length > 0 ? { ...actualPose(), ...wanted() } : null),
     chosen: () => chosen.value,
     hasGizmo: true,
-    tintOf: (joint) => (servos.value.get(joint.servo ?? -1)?.is_hold === false ? { tint: LIMP, amount: 0.7 } : null),
+    tintOf: (joint) => tintOf(servos.value.get(joint.servo ?? -1)),
     onPick: chooseServo,
     onDrag: canDrag ? (id, angle) => drag(id, Math.round(angle), motion) : undefined,
     onGrab: () => mode.value === "robot" && motion.begin(),
