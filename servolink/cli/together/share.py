@@ -106,7 +106,7 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
         try:
             await asyncio.Event().wait()
         finally:
-            if there := len(hub.programs):
+            if there := sum(program.door != "local" for program in hub.programs.values()):
                 interruption.state = f"the board was left unchanged, and {counted(there, 'program')} disconnected"
     return ExitCode.OK
 
