@@ -35,7 +35,7 @@ AHEAD = 60.0
 """Seconds by which a rising temperature is extrapolated."""
 
 _LATE = 0.1  # seconds by which a reading, or the start of a servo, may be late
-_STILL = 1  # degrees by which the readings of a servo that stands still differ
+_STILL = 2  # degrees by which the readings of a servo that stands still differ
 _FEWEST_SUSPECT = 3  # readings: two may be of one stall of the line
 _FEWEST, _MOST = 20, 500  # readings for a normal
 _LONGEST_TREND, _SHORTEST_TREND = 60.0, 20.0  # seconds of temperatures
