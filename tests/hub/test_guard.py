@@ -13,6 +13,7 @@ import pytest
 from servolink.client import Servo
 from servolink.hub.rules.guard import Guard, Stall
 from servolink.motion import Degrees, ServoWay
+from tests.hub.guard_measured import detection, false_alarms
 
 Current = Callable[[int], int]
 
@@ -143,3 +144,11 @@ def test_a_steady_temperature_warns_of_nothing() -> None:
     noise = Random(1)
     assert not warnings(Guard(hottest=350), *(345 + noise.choice((-2, 0, 2)) for _ in range(600)))
     assert not warnings(Guard(), *range(250, 900))
+
+
+@pytest.mark.parametrize(("hz", "most"), [(10.0, 1.0), (50.0, 0.5)])
+def test_a_body_with_physics_is_stopped_in_time_and_never_without_reason(hz: float, most: float) -> None:
+    pytest.importorskip("mujoco")
+    assert not list(false_alarms(1, 2.0))
+    found = [detection(seed, hz) for seed in (500_001, 500_003)]
+    assert [each[1] is not None and each[1] <= most for each in found if each is not None] == [True] * 2
