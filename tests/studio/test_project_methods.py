@@ -38,7 +38,7 @@ def test_a_page_asks_for_the_images_of_servos() -> None:
     run(test)
 
 
-LESSON = {"name": "Wave", "start": {"2": 0}, "caps": {"2": 90}, "actions": {"1": "Old"}, "macros": {}}
+LESSON: dict[str, Any] = {"name": "Wave", "start": {"2": 0}, "caps": {"2": 90}, "actions": {"1": "Old"}, "macros": {}}
 
 
 def test_poses_taken_by_hand_get_times_and_become_records() -> None:
@@ -60,7 +60,7 @@ def test_poses_taken_by_hand_get_times_and_become_records() -> None:
 
 def test_a_movement_is_eased_and_becomes_records_of_the_size_that_was_told() -> None:
     async def test(place: Place) -> None:
-        movement = {"curve": "soft", "start": {"2": 0}, "end": {"2": 90}, "seconds": 1, "error": 2}
+        movement: dict[str, Any] = {"curve": "soft", "start": {"2": 0}, "end": {"2": 90}, "seconds": 1, "error": 2}
         eased = (await called(place, "project.ease", **movement))["result"]
         question = {**LESSON, "name": "Old", "poses": eased["poses"], "caps": {}, "may_repeat": True}
         made = (await called(place, "project.lesson", **question))["result"]
@@ -88,7 +88,7 @@ def test_a_movement_is_eased_and_becomes_records_of_the_size_that_was_told() -> 
 )
 def test_values_that_no_board_takes_are_refused_by_name(method: str, more: dict[str, Any]) -> None:
     async def test(place: Place) -> None:
-        movement = {"curve": "soft", "start": {"2": 0}, "end": {"2": 90}, "seconds": 1, "error": 2}
+        movement: dict[str, Any] = {"curve": "soft", "start": {"2": 0}, "end": {"2": 90}, "seconds": 1, "error": 2}
         params = {"project.ease": movement, "project.lesson": {**LESSON, "poses": []}}.get(method, {})
         answer = await called(place, method, **{**params, **more})
         assert answer["error"]["code"] == Code.INVALID_PARAMS
