@@ -199,7 +199,7 @@ def image_of(images: dict[int, Mirror.ServoImage], servo_id: int, degree: float)
 
 def test_a_figure_is_mirrored_by_its_groups() -> None:
     images = Mirror.images(figure("humanoid-16"), {2: "right", 3: "left"})
-    for one, other in [((2, 142), (5, -142)), ((9, 30), (14, -30)), ((16, 5), (11, -5))]:
+    for one, other in [((2, 142.0), (5, -142.0)), ((9, 30.0), (14, -30.0)), ((16, 5.0), (11, -5.0))]:
         assert image_of(images, *one) == other
         assert image_of(images, *other) == one
     assert images[2].is_right != images[5].is_right
