@@ -24,10 +24,12 @@ from servolink.errors import (
     ConnectionLost,
     MotionRefused,
     OpenError,
+    Reason,
     Rejected,
     RequestError,
     RequestRefused,
     RequestTimeout,
+    ServoStalled,
     TargetNotReached,
 )
 from servolink.hub import ControlInterface, Hub
@@ -228,6 +230,24 @@ def test_what_a_program_plays_ends_when_another_one_stops_the_board(by_program: 
                 await playing
             assert (await other.servo(1)).angle == here
             await one.request(QueryActionListRequest())
+
+    with_hub(main)
+
+
+def test_a_program_whose_motion_the_guard_of_the_hub_ends_gets_a_typed_error() -> None:
+    async def main(hub: Hub) -> None:
+        async with connect("share://rex") as one:
+            await one.set_servo("all", start=True, hold=True)
+            moving = asyncio.create_task(one.move({1: 60}, duration=30.0, wait=True))
+            await until(lambda: hub.motions.courses.way(1) is not None)
+            hub.stop_stalled(1, "servo 1 is stalled: for 0.3 s it has stood at 20 degrees")
+            with pytest.raises(ServoStalled, match=r"ended by the guard: servo 1 is stalled: for 0\.3 s") as failed:
+                await moving
+            assert failed.value.reason is Reason.STALL
+            await one.stop()
+            with pytest.raises(RequestRefused) as refused:
+                await one.move({1: 60}, duration=0.05)
+            assert refused.value.reason is Reason.SERVO_STATE, "the stop after it has a reason of its own"
 
     with_hub(main)
 

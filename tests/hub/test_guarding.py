@@ -11,10 +11,11 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from servolink.boards import BoardProfile, SafetyLimits
 from servolink.client import connect
 from servolink.hub import share
 from servolink.protocol import Action, Macro, MacroCommand, Step
-from servolink.virtual import SimulatedServo, VirtualBoard
+from servolink.virtual import BoardKind, SimulatedServo, VirtualBoard
 from tests.client.sockets import Socket
 from tests.hub.control_program import RpcFailed, RpcProgram, Shared, shared
 from tests.hub.door_hub import until
@@ -164,5 +165,38 @@ def test_neither_a_stop_nor_another_holder_of_the_lease_confuses_the_guard() -> 
             assert not page.of("problem"), "a stopped servo is none that stalls"
             await other.call("move", targets={"1": 60}, duration=1.0, start=True)
             assert (await other.until("problem"))["text"].startswith("the guard stops the board: servo 1 is stalled")
+
+    run(main())
+
+
+@pytest.mark.parametrize(("profile", "otherwise"), [(None, True), (True, False), (False, True), (None, False)])
+def test_the_profile_of_the_board_decides_first_whether_there_is_a_guard(
+    *, profile: bool | None, otherwise: bool
+) -> None:
+    async def main() -> None:
+        limits = SafetyLimits(guard=profile, temperature=200)
+        async with shared(profile=BoardProfile(limits=limits)) as here, here.program("page") as page:
+            await page.call("status")
+            here.interface.begin_guard(otherwise=otherwise)
+            await asyncio.sleep(5)
+            told = {each["text"][:46] for each in page.of("problem")}
+            guards = profile or (profile is None and otherwise)
+            assert told == {f"the guard warns: servo {each}: temperature_raw is 2" for each in (1, 2, 3) if guards}
+
+    run(main())
+
+
+def test_a_line_that_is_too_slow_for_the_promise_is_told_once() -> None:
+    async def main() -> None:
+        async with shared(kind=BoardKind(turnaround=0.05)) as here, here.program("page") as page:
+            here.interface.begin_guard(otherwise=True)
+            await asyncio.sleep(5)
+            for target in (60, 0):
+                before = here.hub.board.stats.frames_sent
+                await page.call("move", targets={"1": target}, duration=10.0)
+                await asyncio.sleep(10)
+                assert here.hub.board.stats.frames_sent - before in range(40, 56), "a quarter of 20 readings a second"
+            [told] = page.of("problem")
+            assert told["text"].startswith("a quarter of this line carries 5.0 readings")
 
     run(main())
