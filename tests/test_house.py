@@ -20,7 +20,7 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 76_421,
+    "lines": 76_452,
     "files": 459,
     "names that cross rooms": 607,
     "own imports of a file, median": 5,
