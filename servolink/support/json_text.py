@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from codecs import BOM_UTF8
 from collections import Counter
+from itertools import accumulate
 from typing import Any, NamedTuple, NoReturn
 
 from servolink.errors import escape, quote
@@ -15,6 +17,8 @@ MAX_SIZE = 16 * 1024 * 1024
 """Most bytes of a text: ten times a board's megabyte in JSON, still read in one or two seconds."""
 _LONGEST_PATH = 200
 _ENCODER = json.JSONEncoder(ensure_ascii=False)
+_MOST_LEVELS = 1000  # in Pyodide, where some thousand overflow the stack of JavaScript, which ends Python
+_TEXT_OR_BRACKET = re.compile(r'"(?:[^"\\]|\\.)*"|[][{}]', re.DOTALL)
 _PERHAPS_HIDDEN = re.compile(r"[^\n -~]")
 
 
@@ -41,6 +45,7 @@ def read_json(text: str | bytes) -> Any:
         return repeated[-1]
 
     try:
+        _refuse_depth(plain)
         value = json.loads(plain, object_pairs_hook=read_object, parse_constant=_refuse_constant)
     except json.JSONDecodeError as error:
         raise ValueError(
@@ -57,6 +62,14 @@ def read_json(text: str | bytes) -> Any:
         path = _path_to(value, outermost)
         raise ValueError(f"{path}{': ' if path else ''}{quote(outermost.key)} is a duplicate key; keep one entry")
     return value
+
+
+def _refuse_depth(text: str) -> None:
+    """Raise RecursionError in Pyodide if too many lists and objects are open at one place of a JSON text."""
+    if sys.platform == "emscripten":
+        levels = accumulate((each in "[{") - (each in "]}") for each in _TEXT_OR_BRACKET.findall(text))
+        if max(levels, default=0) > _MOST_LEVELS:
+            raise RecursionError
 
 
 def write_json(value: Any) -> str:
