@@ -7,6 +7,7 @@ import sys
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import BinaryIO, Self
+from weakref import WeakValueDictionary
 
 from servolink.support.files import open_without_waiting
 
@@ -18,6 +19,8 @@ if sys.platform == "win32":
 elif sys.platform != "emscripten":
     import fcntl
 
+_locked: WeakValueDictionary[tuple[int, int], BinaryIO] = WeakValueDictionary()
+"""Files that are locked in Pyodide, where there is no other program and no lock of the system, by device and inode."""
 _BEYOND_CONTENT = (
     2**30
 )  # position of the locked byte, beyond all content: on Windows other programs cannot read locked bytes
@@ -29,8 +32,15 @@ def lock(file: BinaryIO, *, wait: bool) -> bool:
         if sys.platform == "win32":
             file.seek(_BEYOND_CONTENT)
             msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
-        elif sys.platform != "emscripten":  # no other program there
+        elif sys.platform != "emscripten":
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        else:
+            status = os.fstat(file.fileno())
+            owner = _locked.setdefault((status.st_dev, status.st_ino), file)
+            if owner.closed:
+                owner = _locked[status.st_dev, status.st_ino] = file
+            if owner is not file:
+                return False
     except OSError:
         return False
     finally:
