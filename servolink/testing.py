@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import selectors
+import sys
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from itertools import count
@@ -45,6 +46,13 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def stall(self, seconds: float) -> None:
         """Let `seconds` pass while the loop is busy, as a blocking call in a callback would."""
         self.now += seconds
+
+    if sys.platform == "emscripten":  # no sockets, of which other threads would write to one to wake the loop
+
+        def _make_self_pipe(self) -> None:
+            """Make nothing: there are no other threads."""
+
+        _close_self_pipe = _write_to_self = _make_self_pipe
 
 
 class _JumpingSelector(selectors.DefaultSelector):

@@ -104,6 +104,7 @@ SYSTEM_EXCEPTIONS = {
     ("servolink.doctor.system", "sys.platform"): "a fact like others, which tests replace",
     ("servolink.transports.hid_devices", "sys.platform"): "a library has one module more on Linux",
     ("servolink.support.json_text", "sys.platform"): "the stack of Pyodide, which Python does not guard",
+    ("servolink.testing", "sys.platform"): "an event loop of tests, which needs no sockets",
     ("servolink.doctor.wireshark.dissector", "sys.platform"): "the default of a parameter",
 }
 """Modules beside `support.platforms` that differ between systems, and why."""
