@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from tests.processes import sessions
 from tests.virtual_time import run
@@ -22,7 +22,10 @@ from tests.virtual_time import run
 # fails because of what it changed; everywhere else new ones are.
 settings.register_profile("here", deadline=None, max_examples=20)
 settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True, print_blob=True)
-settings.load_profile("ci" if os.environ.get("CI") else "here")
+settings.register_profile(
+    "emscripten", settings.get_profile("ci"), max_examples=5, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("emscripten" if sys.platform == "emscripten" else "ci" if os.environ.get("CI") else "here")
 
 
 _BY_NUMBERS = ("tests/proofs/reliability/", "tests/proofs/hostile/test_lying_boards.py")
@@ -34,7 +37,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--board", choices=("virtual", "firmware"), default="virtual", help="board of the tests")
 
 
-@pytest.hookimpl(wrapper=True)
+@pytest.hookimpl(wrapper=True, optionalhook=True)
 def pytest_xdist_auto_num_workers() -> Generator[None, int, int]:
     """Run the tests in three processes on two cores: a quarter of the time, they wait for programs and lines."""
     cores = yield
@@ -82,7 +85,8 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtestloop() -> None:
     """Keep the garbage collector from going through ten thousand tests again and again, which never are garbage."""
-    gc.freeze()
+    if sys.platform != "emscripten":  # where hypothesis misses its random numbers among what is frozen
+        gc.freeze()
     gc.set_threshold(100_000, 20, 20)
     gc.enable()
 

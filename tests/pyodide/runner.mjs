@@ -10,20 +10,34 @@ import { Store } from "./store.mjs";
 const RUN = `
 import inspect, runpy, sys, traceback, warnings
 
-async def run(root, file, arguments):
+def run(root, file, arguments):
     sys.path.insert(0, root)
     sys.argv = [file, *arguments]
     warnings.simplefilter("error")
-    try:
+    with Ended() as ended:
         result = runpy.run_path(file)["main"]()
-        sys.exit(await result if inspect.isawaitable(result) else result)
-    except SystemExit as ended:
-        if isinstance(ended.code, str):
-            print(ended.code, file=sys.stderr)
-        return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
-    except BaseException:
-        traceback.print_exc()
-        return 1
+        if inspect.isawaitable(result):
+            return finish(result) # in a task, while main itself is in none and may run a loop of its own
+        sys.exit(result)
+    return ended.code
+
+async def finish(result):
+    with Ended() as ended:
+        sys.exit(await result)
+    return ended.code
+
+class Ended:
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, error, _):
+        if not isinstance(error, SystemExit | None):
+            traceback.print_exception(error)
+        code = getattr(error, "code", 1)
+        if isinstance(code, str):
+            print(code, file=sys.stderr)
+        self.code = code if isinstance(code, int) else int(code is not None)
+        return True
 
 run
 `;

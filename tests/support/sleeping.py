@@ -24,7 +24,7 @@ class Computer:
         self.pauses: list[float] = []
         """Seconds that this program is not run after each of the next readings."""
         monkeypatch.setattr(timers, "time", self)
-        if sys.platform == "win32":
+        if sys.platform in {"win32", "emscripten"}:
             monkeypatch.setattr(timers, "sys", SimpleNamespace(platform="linux"))
 
     def sleep(self, seconds: float = HOUR) -> None:
