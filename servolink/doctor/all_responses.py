@@ -75,7 +75,8 @@ async def after_pause(transport: SharedTransport, trial: TrialLine, query: Query
         if await trial.ask(query) is not None:
             return None
         await trial.settle()
-    if await _is_woken(trial, query):
+    comes_late = bool(transport.record.pause)  # of a pause inside frames, and not of sleep or mode
+    if not comes_late and await _is_woken(trial, query):
         return Finding(
             "sleep",
             "after a pause, a single query is not answered, and of two queries in a row the second one is",
@@ -83,7 +84,7 @@ async def after_pause(transport: SharedTransport, trial: TrialLine, query: Query
             "request after a pause may be lost, a stop too",
             "switch off sleep or power saving in the firmware, adapter or bridge",
         )
-    if await set_mode_again(trial, query):
+    if not comes_late and await set_mode_again(trial, query):
         return Finding(
             FORGETS,
             "after a pause, the board answers only when mode 1 is set again",

@@ -42,6 +42,7 @@ _OF_A_DEVICE: tuple[Callable[[SystemFacts, str], Iterator[Finding]], ...] = (
 )
 
 
+_LATE = ("responses", "pause")  # what pauses inside frames explain
 _IDLE = 1.0  # seconds without a request, after which a connection that ends was idle
 _LEARNT = ("byte_order", "unsupported", "answers_twice", "late_copies", "ignore_extra")
 """Settings of a profile that an opening needs."""
@@ -182,11 +183,13 @@ async def _query(
         if transport.idle > _IDLE:
             meaning = "a serial server, bridge or adapter ends connections that are idle"
             remedy = "switch off its idle timeout, or have programs connect again: reconnect=True"
-        report.findings.append(Finding("connection", str(error), meaning, remedy))
+        if not (isinstance(error, RequestTimeout) and transport.record.pause):
+            report.findings.append(Finding("connection", str(error), meaning, remedy))
     finally:
         await connection.close()
         await transport.free()
     if transport.record.pause:
+        report.findings = [finding for finding in report.findings if finding.check not in _LATE]
         text = f"{escape(url)} makes pauses of up to {transport.record.pause:.1f} s inside a frame"
         report.findings.append(_paused(text))
 

@@ -37,6 +37,28 @@ def test_pauses_inside_frames_are_named(zoo: MakeZoo) -> None:
     assert "pauses" in board.verdict()[0]
 
 
+class Tiring(OddBoard, name="tiring"):
+    """Pause inside the header of each response: short in the opening, and longer than anybody waits afterwards."""
+
+    def __init__(self, short: int) -> None:
+        super().__init__()
+        self.short = short
+
+    def transmit(self, line: OddLine, data: bytes) -> None:
+        self.short -= 1
+        line.send_in_turn(0.0, data[:5])
+        line.send_in_turn(0.6 if self.short >= 0 else 5.5, data[5:])
+
+
+@pytest.mark.parametrize("short", [13, 19])
+def test_a_response_that_a_pause_makes_late_is_not_taken_for_a_loss(short: int, zoo: MakeZoo) -> None:
+    board = zoo("plain")
+    BOARDS["zoo"] = Tiring(short)
+    names, said = board.verdict()
+    assert names == ("pauses",), said
+    assert "cable" not in said
+
+
 def test_an_echo_alone_is_no_fault(zoo: MakeZoo) -> None:
     said = zoo("echoing")("doctor", "rex")
     assert said.code == 0
