@@ -90,7 +90,7 @@ class LineEvidence(Struct, frozen=True):
         if self.longer:
             return self._explain_longer(effort)
         if (mark := self.mark) is not None:
-            return f"{mark.text} ({effort}): {mark.meaning}; {mark.remedy}"
+            return f"{mark.text} ({effort}): {mark.meaning}; {mark.remedy}".replace("\n", "; ")
         if self.echoes:
             return (
                 f"returns the requests that are sent to it, and no response ({effort}): the two data lines are "

@@ -52,6 +52,12 @@ CHANGED = {
     ),
     "exclusive or": (each(exclusive_or), "checksum", "the exclusive or of all bytes"),
     "two bytes": (each(lambda one: one[:-1] + b"\x5a\xa5"), "checksum", "is not the one of the document"),
+    "no sum": (each(lambda one: one[:-1]), "checksum", "each ends before its checksum"),
+    "no sum, and a byte by chance": (
+        (FRAMES[1][:-1] + encode_frame(10031, b"\x10\xff\0\0\0\0\1\0", "little")[:-1] + FRAMES[4][:-1]) * 2,
+        "checksum",
+        "each ends before its checksum",
+    ),
     "whole length": (each(lambda one: with_length(one, len(one))), "length", "counts the whole frame"),
     "big length": (each(lambda one: with_length(one, (len(one) - 9) << 8)), "length", "in the other byte order"),
     "same id": (
@@ -100,6 +106,7 @@ def test_each_change_of_frames_is_named(name: str) -> None:
     assert words in mark.text
     assert words in described_bytes(data, "little")
     assert mark.remedy
+    assert "\n" not in LineEvidence(data=data, byte_order="little").explain_silence("6 queries in 3.0 s")
 
 
 @pytest.mark.parametrize("seed", range(30))
