@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import cycle, islice
@@ -71,15 +72,22 @@ class _LineRecording(Tap):
 
     def __init__(self) -> None:
         self.data = bytearray()
-        self.asked: set[int] = set()
+        self.asked = Counter[int]()
 
     def sent(self, data: bytes) -> None:
         """Note the response to what is sent."""
-        self.asked |= {frame.packet_id + 1 for order in _BYTE_ORDERS for frame in LineBytes(data, order).frames()}
+        self.asked.update(frame.packet_id + 1 for order in _BYTE_ORDERS for frame in LineBytes(data, order).frames())
 
     def received(self, data: bytes) -> None:
         """Keep bytes from the board."""
         self.data += data[: _MOST_BYTES - len(self.data)]
+
+    def copies(self, byte_order: ByteOrder) -> int:
+        """Return how many equal responses came beyond the requests for them."""
+        frames = LineBytes(bytes(self.data), byte_order).frames()
+        heard = Counter((frame.packet_id, bytes(self.data[frame.start : frame.end])) for frame in frames)
+        asked = self.asked
+        return sum(max(0, count - asked[each]) for (each, _), count in heard.items() if each in asked)
 
 
 async def measure(connection: Connection, patience: float | None = None) -> LineCounts:
@@ -91,7 +99,7 @@ async def measure(connection: Connection, patience: float | None = None) -> Line
     patience = patience or max(_PATIENCE, _ROUND_TRIPS * (stats.round_trip(50) or 0.0))
     requests = unanswered = 0
     ended = ""
-    recording = _LineRecording()
+    recording, order = _LineRecording(), connection.codec.byte_order
     stop_recording = connection.taps.add(recording)
     try:
         # Different queries in turn: the response to one proves the other over, so nothing else is sent between.
@@ -102,15 +110,17 @@ async def measure(connection: Connection, patience: float | None = None) -> Line
                 unanswered += 1
             if loop.time() > begun + _LONGEST:
                 break
-        while stats.late_copies < SURE_COPIES and not over.done() and loop.time() < begun + _LISTENING:
+        while recording.copies(order) <= requests // 2 and not over.done() and loop.time() < begun + _LISTENING:
             await asyncio.wait((over,), timeout=_STEP)
     except ConnectionLost as error:
         ended = str(error)
     stop_recording()
-    received_bytes, order = bytes(recording.data), connection.codec.byte_order
+    received_bytes = bytes(recording.data)
     queries = (*FENCES, QueryServoListRequest())
     asked = {query.packet_id + 1 for query in queries} | {ButtonEventResponse.packet_id, *recording.asked}
     frames = [PACKETS[frame.packet_id] for frame in LineBytes(received_bytes, order).frames() if frame.fits]
+    copies = recording.copies(order)  # an opening in between takes them without counting
+    is_copied = copies > requests // 2 and stats.repeated - repeated <= _FEW
     unasked = [each.packet_id for each in frames if issubclass(each, Response) and each.packet_id not in asked]
     return LineCounts(
         stats.bytes_received - received,
@@ -123,7 +133,7 @@ async def measure(connection: Connection, patience: float | None = None) -> Line
         patience,
         # After a timeout a query is sent again, and both sendings may be answered.
         max(0, stats.repeated - repeated - (stats.timeouts - timeouts)),
-        max(0, stats.late_copies - len(unasked)),
+        max(0, stats.late_copies - len(unasked), copies if is_copied else 0),
         text_between(received_bytes, order),
         sum(issubclass(each, Request) for each in frames),
         unasked,

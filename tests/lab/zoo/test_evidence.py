@@ -59,6 +59,21 @@ def test_a_response_that_a_pause_makes_late_is_not_taken_for_a_loss(short: int, 
     assert "cable" not in said
 
 
+class VeryLateCopies(OddBoard, name="very-late-copies"):
+    """Copy of each response 3 s later, when another opening may be under way."""
+
+    def transmit(self, line: OddLine, data: bytes) -> None:
+        line.send(data)
+        self.after(3.0, lambda: line.send(data))
+
+
+def test_copies_are_named_however_late_they_come(zoo: MakeZoo) -> None:
+    board = zoo("plain")
+    BOARDS["zoo"] = VeryLateCopies()
+    names, said = board.verdict()
+    assert "late copies" in names, said
+
+
 def test_an_echo_alone_is_no_fault(zoo: MakeZoo) -> None:
     said = zoo("echoing")("doctor", "rex")
     assert said.code == 0
