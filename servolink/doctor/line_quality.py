@@ -26,6 +26,7 @@ _LONGEST = 4.0  # seconds, after which a slow board is asked no more
 _MOST_BYTES = 65536  # examined for text
 _LISTENING = 3.5  # seconds from the first query, in which copies of responses may come
 _STEP = 0.5  # seconds of listening between two looks
+_MARKS, _MARK_BYTES = 8, 2  # so many places between frames have so few different bytes only by intention
 _FEW = 2  # late responses tolerated, as caused by a short standstill of this computer
 
 
@@ -212,9 +213,17 @@ def _noise(line: LineCounts) -> Finding:
     heard = LineBytes(line.received, line.byte_order)
     for mark in heard.marks():
         return Finding(mark.name, f"{many}: the line {mark.text}", mark.meaning, mark.remedy)
+    spans = heard.unread()
+    if len(spans) >= _MARKS and len({*b"".join(spans)}) <= _MARK_BYTES:
+        return Finding(
+            "noise",
+            f"{many}: the same bytes between frames each time, {heard.first()}",
+            "a bridge, or the firmware, marks the ends of frames; programs ignore that",
+            "switch the marks off, or set the bridge to pass all bytes unchanged, if you can",
+        )
     return Finding(
         "noise",
-        f"{many}, first {heard.first()}" if heard.unread() else many,
+        f"{many}, first {heard.first()}" if spans else many,
         "the line damages bytes, or another device or program uses the line",
         "try a shorter cable, another port without a hub, and a separate power supply for the servos\n"
         "close other programs on the port",
