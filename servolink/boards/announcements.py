@@ -65,7 +65,7 @@ def _read(path: Path) -> DeviceInfo | None:
     try:
         with open_file(path, writable=True) as file:  # some file systems lock only files opened for writing
             content = file.read(_MOST_BYTES)
-            is_stale = bool(content) and lock(file, wait=False)  # an empty file is about to be written
+            is_stale = bool(content) and LockedFile.is_left_over(file)  # an empty file is about to be written
             if is_stale:
                 LockedFile(path, file).remove()
                 return None

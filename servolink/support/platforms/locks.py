@@ -76,6 +76,14 @@ class LockedFile:
             if not is_locked:
                 return None
 
+    @staticmethod
+    def is_left_over(file: BinaryIO) -> bool:
+        """Return whether the program that had locked a file has ended; lock the file then.
+
+        False in a page of a browser, which has the files of its only program in memory.
+        """
+        return sys.platform != "emscripten" and lock(file, wait=False)
+
     def remove(self) -> None:
         """Remove and close the file. Raise OSError if the file cannot be removed.
 
