@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
@@ -53,12 +54,16 @@ class HubLink:
         self.has_lost_board = False
         """Whether the hub has lost the board, and is reconnecting."""
         self._lost = ""  # description of the loss, for people
+        self._beats: asyncio.Task[None] | None = None
         self.on_board: Callable[[bool], None] = lambda has_lost_board: None
         """Called with `has_lost_board` when the hub loses or finds the board."""
 
     async def open(self, greeting: Greeting) -> None:
         """Connect to the control interface of the hub. Raise OpenError with the remedy."""
-        rpc = Greeting(wants="rpc", who=greeting.who, role=greeting.role, session=self._welcome.session)
+        dead_man = ShareTransport.dead_man
+        rpc = Greeting(
+            wants="rpc", who=greeting.who, role=greeting.role, session=self._welcome.session, dead_man=dead_man
+        )
         self._channel, _ = await open_channel(self._welcome.name, rpc)
         early: list[tuple[str, Raw]] = []  # perhaps newer than the state, and read before
         self._channel.on_notification = lambda *notification: early.append(notification)
@@ -87,10 +92,20 @@ class HubLink:
             return lost or gates.line(packet, ticket)
 
         self._connection.gates = replace(gates, line=refuse_lost, role=self._refuse_role, lease=self._refuse_lease)
+        if dead_man is not None:
+            self._beats = asyncio.create_task(self._beat(dead_man / 4))
 
     async def close(self) -> None:
-        """Disconnect: the hub frees the lease and the board."""
+        """Disconnect: the hub frees the lease and the board. Motions go on to their end."""
+        if self._beats is not None:
+            self._beats.cancel()
+            self._channel.tell("lease.give")  # or the hub would stop what a program with a dead-man time moves
         await self._channel.close()
+
+    async def _beat(self, pause: float) -> None:
+        while self._channel.ended is None:
+            self._channel.tell("lease.beat")
+            await asyncio.sleep(pause)
 
     async def take_lease(self, *, force: bool = False) -> None:
         """Take the lease, with `force` from another program too. Raise MotionRefused with the name of the holder."""

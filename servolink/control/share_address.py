@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from typing import cast
+from typing import ClassVar, cast
 
 import msgspec
 
@@ -33,6 +33,8 @@ class ShareTransport(StreamTransport):
     """Session with a hub, which repeats lost requests and keeps the responses of programs apart."""
 
     is_shared = True
+    dead_man: ClassVar[float | None] = None
+    """Seconds of a silent event loop after which hubs stop what this process moves; None for no limit."""
 
     def __init__(self, url: str, name: str, greeting: Greeting) -> None:
         """Lead to the board that is shared as `name`. `greeting` may be changed until the hub is greeted."""
