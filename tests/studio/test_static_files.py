@@ -22,6 +22,7 @@ _IMPORT = re.compile(r'(?:from|import)\s*"(\.[^"\n]+)";')
 _VALUE = re.compile(r"\{\w+\}")
 _LANGUAGES = sorted(path.stem for path in WEB.glob("texts/*.json"))
 _GZIPPED = 250_000
+_EDITOR = 125_000  # bytes as gzip, loaded when the screen Code is first opened
 _OTHER_LANGUAGES = {"/texts/en.json", "/texts/zh-Hans.json"}
 """A page loads the texts of its own language, of which the Traditional Chinese ones are the longest."""
 _LICENCES = "/vendor/LICENCES.txt"
@@ -47,7 +48,12 @@ def texts(language: str) -> dict[str, str]:
 def test_libraries_are_those_that_were_recorded() -> None:
     recorded = json.loads((VENDOR / "vendor.json").read_text(encoding="utf-8"))
     kinds = {".js", ".css", ".svg"}
-    paths = [path for folder in (VENDOR, VENDOR / "blockly") for path in folder.iterdir() if path.suffix in kinds]
+    paths = [
+        path
+        for folder in (VENDOR, VENDOR / "blockly", VENDOR / "codemirror")
+        for path in folder.iterdir()
+        if path.suffix in kinds
+    ]
     found = {path.relative_to(VENDOR).as_posix(): sha256(path.read_bytes()) for path in paths}
     assert found == {name: file["sha256"] for name, file in recorded.items()}
 
@@ -125,8 +131,12 @@ def test_the_first_load_of_the_page_is_small() -> None:
         | _OTHER_LANGUAGES
         | {_LICENCES}
     )
-    asked_later |= {name for name in files if name.startswith("/vendor/blockly/")}
+    asked_later |= {name for name in files if name.startswith(("/vendor/blockly/", "/vendor/codemirror/"))}
     assert 100_000 < sum(len(gzip.compress(files[name].content)) for name in files.keys() - asked_later) < _GZIPPED
+
+
+def test_the_editor_of_programs_is_small() -> None:
+    assert len(gzip.compress(page_files()["/vendor/codemirror/codemirror.js"].content)) < _EDITOR
 
 
 def modules_at_first() -> set[str]:
@@ -138,7 +148,7 @@ def modules_at_first() -> set[str]:
         if path not in found:
             found.add(path)
             imported = _IMPORT.findall(path.read_text(encoding="utf-8"))
-            assert not any("blockly" in name for name in imported), path
+            assert not any("blockly" in name or "codemirror" in name for name in imported), path
             waiting += [(path.parent / name).resolve() for name in imported if "vendor" not in name]
     return {f"/{path.relative_to(WEB).as_posix()}" for path in found}
 

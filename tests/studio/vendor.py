@@ -1,8 +1,9 @@
 """Take the page's libraries from their packages: `python -m tests.studio.vendor`, which needs npm and Chromium.
 
 Browsers find modules by path, so names such as `"preact"` in them are replaced. Blockly puts its style sheet into the
-page itself, which the page's content policy forbids, so a browser writes the sheet to a file. `vendor.json` keeps the
-version, the licence, and the hashes of each file before and after that; a test compares them.
+page itself, which the page's content policy forbids, so a browser writes the sheet to a file. CodeMirror is many
+packages, of which esbuild makes one module with the parts that the page uses. `vendor.json` keeps the version, the
+licence, and the hashes of each file before and after that; a test compares them.
 """
 
 from __future__ import annotations
@@ -28,6 +29,36 @@ PACKAGES = {
     "uplot": "1.6.32",
     "blockly": "13.3.0",
 }
+EDITOR = {
+    "codemirror": "6.0.2",
+    "@codemirror/autocomplete": "6.20.4",
+    "@codemirror/commands": "6.11.1",
+    "@codemirror/lang-python": "6.2.1",
+    "@codemirror/language": "6.13.1",
+    "@codemirror/state": "6.7.6",
+    "@codemirror/streamparser": "6.0.0",
+    "@codemirror/view": "6.43.15",
+    "@lezer/common": "1.5.5",
+    "@lezer/highlight": "1.2.5",
+    "@lezer/lr": "1.4.12",
+    "@lezer/python": "1.1.19",
+    "@marijn/find-cluster-break": "1.0.4",
+    "crelt": "1.0.7",
+    "style-mod": "4.1.5",
+    "w3c-keyname": "2.2.8",
+}
+"""Packages of CodeMirror."""
+ESBUILD = "0.28.2"
+PARTS = """
+export { closeBrackets, closeBracketsKeymap } from "@codemirror/autocomplete";
+export { defaultKeymap, history, historyKeymap, indentWithTab } from "@codemirror/commands";
+export { python } from "@codemirror/lang-python";
+export { bracketMatching, indentOnInput, indentUnit, syntaxHighlighting } from "@codemirror/language";
+export { StateEffect, StateField } from "@codemirror/state";
+export { Decoration, EditorView, keymap, lineNumbers } from "@codemirror/view";
+export { classHighlighter } from "@lezer/highlight";
+"""
+"""What the page uses of CodeMirror."""
 FILES = {
     "preact.js": ("preact", "dist/preact.mjs"),
     "preact-hooks.js": ("preact", "hooks/dist/hooks.mjs"),
@@ -121,8 +152,44 @@ def main() -> None:
                         "original_sha256": sha256(content[path]),
                         "sha256": sha256(ours),
                     }
+        bundle, found = editor(Path(folder))
+        licences += found
+    (VENDOR / "codemirror").mkdir(exist_ok=True)
+    (VENDOR / "codemirror/codemirror.js").write_bytes(bundle)
+    files["codemirror/codemirror.js"] = {
+        "package": "codemirror",
+        "version": EDITOR["codemirror"],
+        "licence": "MIT",
+        "path": f"bundle of {', '.join(f'{name} {version}' for name, version in EDITOR.items())}",
+        "original_sha256": sha256(bundle),
+        "sha256": sha256(bundle),
+    }
     (VENDOR / "vendor.json").write_text(json.dumps(files, indent=2) + "\n")
     (VENDOR / "LICENCES.txt").write_text(("\n" + "-" * 80 + "\n\n").join(licences))
+
+
+def editor(folder: Path) -> tuple[bytes, list[str]]:
+    """Return the module of CodeMirror, and the licences of its packages.
+
+    It puts its rules into the list of style sheets: the content policy forbids elements with style.
+    """
+    wanted = [f"{name}@{version}" for name, version in EDITOR.items()]
+    quiet = ("--silent", "--no-audit", "--no-fund", "--no-package-lock")
+    processes.run([_NPM, "install", *quiet, *wanted, f"esbuild@{ESBUILD}"], cwd=folder, check=True)
+    packages = folder / "node_modules"
+    rules = packages / "style-mod/src/style-mod.js"
+    before, after = "if (!root.head && root.adoptedStyleSheets", "if (root.adoptedStyleSheets"
+    assert rules.read_text().count(before) == 1
+    rules.write_text(rules.read_text().replace(before, after))
+    (folder / "parts.js").write_text(PARTS)
+    options = ("--bundle", "--minify", "--format=esm", "--target=es2022", "--legal-comments=none", "--outfile=made.js")
+    processes.run([str(packages / ".bin/esbuild"), "parts.js", *options], cwd=folder, check=True)
+    licences = [f"{name} {version}\n\n{_licence(packages / name)}\n" for name, version in EDITOR.items()]
+    return (folder / "made.js").read_bytes(), licences
+
+
+def _licence(package: Path) -> str:
+    return (package / "LICENSE").read_text().strip()
 
 
 def _unpacked(package: str, version: str, folder: Path) -> dict[str, bytes]:
