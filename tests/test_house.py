@@ -20,8 +20,8 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 76_452,
-    "files": 459,
+    "lines": 76_808,
+    "files": 461,
     "names that cross rooms": 607,
     "own imports of a file, median": 5,
     "own imports of a file, 90 %": 13,
