@@ -2,7 +2,7 @@
 
 const BROWSER = [
   "AbortController", "addEventListener", "atob", "Blob", "caches", "cancelAnimationFrame", "clearInterval", "clearTimeout", "confirm", "console",
-  "CustomEvent", "devicePixelRatio", "document", "Element", "Event", "EventSource", "fetch", "File", "getComputedStyle", "history",
+  "CustomEvent", "devicePixelRatio", "document", "Element", "Event", "EventSource", "EventTarget", "fetch", "File", "getComputedStyle", "history",
   "HTMLElement", "HTMLInputElement", "innerHeight", "innerWidth", "IntersectionObserver", "isSecureContext", "KeyboardEvent", "localStorage", "location", "matchMedia",
   "MessageChannel", "MouseEvent", "navigator", "performance", "PointerEvent", "postMessage", "queueMicrotask", "removeEventListener",
   "requestAnimationFrame", "ResizeObserver", "Response", "self", "sessionStorage", "setInterval", "setTimeout", "structuredClone", "TextDecoder",

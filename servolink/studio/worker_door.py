@@ -8,8 +8,10 @@ of the line, which the page counts up with each connection, and a text:
 | open | greeting of the page | message | message of the studio |
 | message | message of the page | close | code and reason, as JSON |
 | close | | refused | why the board of before cannot be opened; number 0 |
+| program.end | | | |
 
-Kinds that begin with `port.` are for the ports of the page (`servolink/transports/page_ports.py`).
+Kinds that begin with `port.` are for the ports of the page (`servolink/transports/page_ports.py`). A program in another
+worker, which `join` has given a number, has a port of its own (`program_pipes.py`) until `program.end`.
 """
 
 from __future__ import annotations
@@ -24,9 +26,10 @@ import msgspec
 from servolink.errors import DecodeError, ServolinkError
 from servolink.protocol import ALL_SERVOS, PACKETS, ByteOrder, Codec, FrameAt, SetServoParameterRequest
 from servolink.studio.page import OK, Hello, serve_page
+from servolink.studio.program_pipes import PortPipes
 from servolink.studio.robots import VIRTUAL, Robots, stop_all
 from servolink.studio.studio_methods import Studio
-from servolink.support import Tasks
+from servolink.support import Tasks, connect_locally
 from servolink.transports import PagePorts
 
 Post: TypeAlias = Callable[[str, int, str], object]
@@ -70,6 +73,7 @@ class WorkerDoor:
         self._begun = asyncio.Event()
         self._post = post
         self._lines: dict[int, _PortLine] = {}
+        self._programs: dict[int, PortPipes] = {}
         self._tasks = Tasks()
         PagePorts.here = self._ports = PagePorts(post, BoardFrames(), lambda: self._tasks.begin(self._stop()))
 
@@ -95,15 +99,36 @@ class WorkerDoor:
                 self._lines[number].heard.put_nowait(text)
             case "close" if number in self._lines:
                 self._lines[number].heard.put_nowait(None)
+            case "program.end" if number in self._programs:
+                self._tasks.begin(self._programs.pop(number).close())
             case _:  # a line that the studio has closed meanwhile
                 pass
 
+    def join(self, number: int, post: Post) -> None:
+        """Connect a program in another worker with the hub, once there is one; call `post` with messages for it."""
+        self._programs[number] = PortPipes(post, self._connect)
+        self._tasks.begin(self._introduce(post))
+
+    def hear(self, number: int, kind: str, pipe: int, text: str) -> None:
+        """Handle a message of a program."""
+        if number in self._programs:
+            self._programs[number].hear(kind, pipe, text)
+
     async def close(self) -> None:
-        """Disconnect the page, and give the robots back."""
+        """Disconnect the page and its programs, and give the robots back."""
         PagePorts.here = None
+        for pipes in self._programs.values():
+            await pipes.close()
         await self._tasks.close()
         await self._studio.twin.close()
         await self._studio.robots.close()
+
+    async def _introduce(self, post: Post) -> None:
+        await self._begun.wait()
+        post("hub", 0, self._studio.hub)
+
+    async def _connect(self, make_protocol: Callable[[], asyncio.Protocol]) -> None:
+        await connect_locally(self._studio.hub, make_protocol)
 
     async def _stop(self) -> None:
         """Stop the board, which the page has stopped already: what was asked for before is not sent any more."""

@@ -7,15 +7,33 @@ import { Ports } from "./ports.js";
 
 /** @type {Worker | null} */
 let worker = null;
-let lastLine = 0;
+let lastLine = 0,
+  lastProgram = 0;
 /** @type {Map<number, WorkerLine>} */
 const lines = new Map();
 const ports = new Ports((kind, number, text) => worker?.postMessage([kind, number, text]), {
   find: async (url) => (await grantedPorts()).get(url)?.make() ?? null,
 });
 
-/** Stop all servos of boards at the ports of this page at once, whatever the worker is doing. */
-export const stopPorts = () => ports.stop();
+/** What ends the programs in other workers. */
+let endPrograms = () => {};
+/** Call `end` when the page stops the robot, or has lost the studio: its programs are to end then. @param {() => void} end */
+export const onStop = (end) => void (endPrograms = end);
+
+/** Stop all servos of boards at the ports of this page at once, whatever the worker is doing; then end the programs. */
+export function stopPorts() {
+  ports.stop();
+  endPrograms();
+}
+
+/** Connect a program in another worker with the hub, through a port; return its number. @param {MessagePort} port */
+export function joinProgram(port) {
+  worker?.postMessage(["program.open", ++lastProgram, ""], [port]);
+  return lastProgram;
+}
+
+/** Tell the hub that a program has gone. @param {number} number */
+export const endProgram = (number) => worker?.postMessage(["program.end", number, ""]);
 
 /** Close the ports ahead of a load of the page with another board, which need not be stopped for that. */
 export const releasePorts = () => ports.release();
@@ -37,7 +55,7 @@ export function watchPorts() {
   ];
   for (const [target, name] of ends)
     target.addEventListener(name, () => {
-      if (name !== "visibilitychange" || document.hidden) stopPorts();
+      if ((name !== "visibilitychange" || document.hidden) && ports.isInUse) stopPorts();
     });
   onPorts(tellPorts);
 }
@@ -60,6 +78,7 @@ function start() {
 /** @param {string} why */
 function fail(why) {
   ports.abandon();
+  endPrograms();
   tellFailure(why);
   worker?.terminate();
   worker = null;

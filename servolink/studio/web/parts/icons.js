@@ -30,6 +30,7 @@ export const ICONS = {
     ],
   ],
   blocks: [["path", { d: "M4 4h5v2.5h4V4h7v6h-5v2.5h-4V10H4zM4 14h5v2.5h4V14h7v6H4z" }]],
+  code: [["path", { d: "M8 7l-5 5 5 5M16 7l5 5-5 5M13.5 5l-3 14" }]],
   record: [
     ["path", { d: "M3 17l4-7 4 4 4-9 3 6h3" }],
     ["path", { d: "M3 21h18" }],

@@ -4,6 +4,7 @@ import { html } from "../html.js";
 import { Dialog } from "../parts/dialog.js";
 import { isTyping } from "../parts/hold.js";
 import { stop, stopsFleet } from "../parts/stop-button.js";
+import { course } from "../state/code.js";
 import { questions } from "../state/questions.js";
 import { isFresh, isMine, isStill, lease } from "../state/robot.js";
 import { mode, screen, showKeys } from "../state/view.js";
@@ -73,6 +74,7 @@ const PAGES = {
   macros: "tutorial/first-robot",
   buttons: "tutorial/first-robot",
   blocks: "how-to/blocks",
+  code: "how-to/without-installation",
   record: "how-to/recordings",
   project: "how-to/save-and-restore",
   board: "how-to/board-profiles",
@@ -104,11 +106,12 @@ export function KeyList() {
 }
 
 /**
- * Return whether an element belongs to the blocks, which have keys of their own.
+ * Return whether an element belongs to blocks or to a program in Python, which have keys of their own.
  * @param {EventTarget | null} target
  */
-const isOnBlocks = (target) =>
-  target instanceof Element && target.closest(".blockspace, .blocklyWidgetDiv, .blocklyDropDownDiv") !== null;
+const hasOwnKeys = (target) =>
+  target instanceof Element &&
+  target.closest(".blockspace, .blocklyWidgetDiv, .blocklyDropDownDiv, .codespace") !== null;
 
 /** Return whether nothing moves, and this page moves nothing: Preview, no lease, and servos that were read and rest. */
 const isAtRest = () =>
@@ -116,6 +119,7 @@ const isAtRest = () =>
   mode.value === "preview" &&
   lease.value === null &&
   questions.value.length === 0 &&
+  course.value !== "running" &&
   isFresh.value &&
   isStill();
 
@@ -136,7 +140,7 @@ export function listenToKeys(tools) {
   addEventListener("keydown", (event) => {
     if (
       isTyping(event.target) ||
-      isOnBlocks(event.target) ||
+      hasOwnKeys(event.target) ||
       !(event.ctrlKey || event.metaKey) ||
       event.altKey ||
       event.key.toLowerCase() !== "z"
@@ -149,7 +153,7 @@ export function listenToKeys(tools) {
   addEventListener("keydown", (event) => {
     if (
       isTyping(event.target) ||
-      isOnBlocks(event.target) ||
+      hasOwnKeys(event.target) ||
       event.ctrlKey ||
       event.metaKey ||
       event.altKey ||

@@ -2,6 +2,7 @@
 
 import { html, useEffect, useRef, useState } from "../html.js";
 import { Icon } from "../parts/icon.js";
+import { isInPage } from "../state/connecting.js";
 import { needing, shownScreen } from "../state/fleet.js";
 import { differences } from "../state/project.js";
 import { hasBoard, hasFleet, mayEdit, mayMove, welcome } from "../state/robot.js";
@@ -19,6 +20,7 @@ export const ENTRIES = [
   { name: "buttons", icon: "buttons", title: "screen.buttons" },
   { name: "teach", icon: "teach", title: "screen.teach" },
   { name: "blocks", icon: "blocks", title: "screen.blocks" },
+  { name: "code", icon: "code", title: "screen.code" },
   { name: "record", icon: "record", title: "screen.record" },
   { name: "project", icon: "project", title: "screen.project", isBelow: true },
   { name: "board", icon: "board", title: "screen.board", isBelow: true },
@@ -30,7 +32,8 @@ export const ENTRIES = [
 export const entries = () =>
   ENTRIES.filter(({ name }) => {
     if (name === "fleet") return hasFleet.value;
-    if (name === "blocks") return hasBoard.value && (welcome.value === null || mayEdit.value);
+    if (name === "code" && !isInPage) return false; // a studio with a server has terminals and editors beside it
+    if (name === "blocks" || name === "code") return hasBoard.value && (welcome.value === null || mayEdit.value);
     if (name === "teach" || name === "servos") return hasBoard.value && (welcome.value === null || mayMove.value);
     return hasBoard.value || name === "board";
   });

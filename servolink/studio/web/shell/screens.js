@@ -13,6 +13,7 @@ const LOADERS = {
   buttons: async () => (await import("../screens/buttons/index.js")).ButtonsScreen,
   teach: async () => (await import("../screens/teach/index.js")).TeachScreen,
   blocks: async () => (await import("../screens/blocks/index.js")).BlocksScreen,
+  code: async () => (await import("../screens/code/index.js")).CodeScreen,
   record: async () => (await import("../screens/record/index.js")).RecordScreen,
   project: async () => (await import("../screens/project/index.js")).ProjectScreen,
   servos: async () => (await import("../screens/servos/index.js")).ServosScreen,

@@ -7,6 +7,7 @@ import { stopPorts } from "../link/worker-line.js";
 import { LatestPose } from "./latest-pose.js";
 import { MotionState } from "./motion-state.js";
 import { isMine, linkState, problem, servos, stalled } from "./robot.js";
+import { stoppedCount } from "./stopped.js";
 
 /** @typedef {import("../link/link.js").Link} Link */
 /** @typedef {import("../figure/figure.js").Pose} Pose */
@@ -207,6 +208,13 @@ export class Motion {
   /** Start all servos, each at its present angle. */
   async startAll() {
     await this.#link.call("servo.set", { servo: "all", start: true, hold: true });
+  }
+
+  /** Let a program of this page move the robot: start servos that hold and are stopped, and give the lease back. */
+  async makeWay() {
+    this.leave();
+    if (stoppedCount.value > 0) await this.startAll();
+    this.#link.tell("lease.give");
   }
 
   /**
