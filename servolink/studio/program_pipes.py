@@ -1,13 +1,13 @@
 """Pipes to the hub for a program in another worker of the page, all over one message port.
 
-The program's side opens a pipe, and the side of the hub connects it, as a socket would. Each message has a kind, the
-number of a pipe, and a text in which bytes are characters from 0 to 255:
+The side of the program opens pipes, and the side of the hub connects pipes. Each message has a kind, the number of a
+pipe, and a text in which bytes are characters from 0 to 255:
 
 | kind | text |
 | --- | --- |
 | open | |
 | data | bytes |
-| read | how many bytes of the pipe the other side has passed on |
+| read | number of bytes passed on so far |
 | close | |
 | hub | name of the hub, once, with number 0 |
 """
@@ -24,7 +24,7 @@ from servolink.support import Tasks
 Post: TypeAlias = Callable[[str, int, str], object]
 Connect: TypeAlias = Callable[[Callable[[], asyncio.Protocol]], Awaitable[object]]
 _HIGH, _LOW = 64 * 1024, 16 * 1024  # bytes on the way, above and below which a side pauses and goes on
-_MOST = 16 * _HIGH  # bytes on the way of a program that does not pause: its pipe is closed
+_MOST = 16 * _HIGH  # bytes on the way above which a pipe is closed
 _MOST_PIPES = 16
 
 
@@ -46,7 +46,7 @@ class PortPipes:
         return self._join(number)
 
     def hear(self, kind: str, number: int, text: str) -> None:
-        """Handle a message of the other side; ignore what is none."""
+        """Handle a message of the other side; ignore unknown messages."""
         end = self._ends.get(number)
         if kind == "open" and end is None and self._connect is not None and len(self._ends) < _MOST_PIPES:
             self._tasks.begin(self._accept(self._connect, self._join(number)))
@@ -79,7 +79,7 @@ class PortPipes:
 
 
 class _PortEnd(asyncio.Protocol):
-    """End of a pipe of this process whose bytes come from the port, and go there."""
+    """End of a pipe in this process; the port carries the bytes."""
 
     def __init__(self, pipes: PortPipes, number: int) -> None:
         self.number = number
@@ -87,8 +87,8 @@ class _PortEnd(asyncio.Protocol):
         self._pipe: asyncio.Transport | None = None
         self._early: list[bytes] = []
         self._is_over = self._is_paused = False
-        self._posted = self._read = 0  # bytes given to the port, and those of them that the other side has passed on
-        self._heard = self._told = 0  # bytes from the port, and those of them that the other side knows to be read
+        self._posted = self._read = 0  # bytes given to the port, and bytes passed on by the other side
+        self._heard = self._told = 0  # bytes from the port, and bytes reported as read
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)  # noqa: S101 - narrows the type
@@ -116,7 +116,7 @@ class _PortEnd(asyncio.Protocol):
         self._pipes.forget(self.number)
 
     def hear(self, kind: str, text: str) -> None:
-        """Handle a message about this pipe. Raise ValueError for one that no end sends."""
+        """Handle a message about this pipe. Raise ValueError for an invalid message."""
         if kind == "close":
             self._is_over = True
             if self._pipe is not None:

@@ -1,10 +1,10 @@
-"""Program of a person in a worker of its own: one more program of the hub, which another worker of the page has.
+"""Python program in a separate worker of the page: one more program of the hub in the worker of the studio.
 
-The page ends the worker to stop the program. `ProgramWorker` tells the page, in messages of a kind and a text:
+The page ends the worker to stop the program. `ProgramWorker` sends the page messages of a kind and a text:
 
 | kind | text |
 | --- | --- |
-| output | text that the program printed |
+| output | printed text |
 | ended | JSON of the `Failure`; empty without an error |
 """
 
@@ -30,9 +30,9 @@ from servolink.support import listening_in_memory
 
 FILE = "program.py"
 DEAD_MAN = 2.0
-"""Seconds without a turn of the program's event loop after which the hub stops what the program moves."""
+"""Seconds without a turn of the event loop after which the hub stops motions of the program."""
 _PAUSE = 0.1  # seconds between two messages with output
-_HALF = 4096  # characters of the begin and of the end of a message with output; what is between is left out
+_HALF = 4096  # characters of output kept at the begin and at the end of a message; the middle is left out
 
 _FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef
 
@@ -52,7 +52,7 @@ class ProgramWorker:
     """Runs one program."""
 
     def __init__(self, tell: Callable[[str, str], object], post: Post) -> None:
-        """Call `tell` with messages for the page, and `post` with those for the hub."""
+        """Call `tell` with messages for the page, and `post` with messages for the hub."""
         self._tell = tell
         self._pipes = PortPipes(post)
         self._hub: asyncio.Future[str] = asyncio.get_running_loop().create_future()
@@ -65,27 +65,27 @@ class ProgramWorker:
             self._pipes.hear(kind, number, text)
 
     async def run(self, source: str) -> None:
-        """Run the text of a program to its end, and tell the page how it ended."""
+        """Run the text of a program to the end, and tell the page the outcome."""
         name = await self._hub
         ShareTransport.dead_man = DEAD_MAN
         sys.argv = [FILE]
         sys.stdout = sys.stderr = console = _Console(self._tell)
         with listening_in_memory(name, self._pipes.open), await HubClaim.of(name) as claim:
-            claim.announce(f"page://{name}")  # so that `connect()` finds it
+            claim.announce(f"page://{name}")  # for `connect()` without an address
             failure = await perform(source)
         console.pass_on()
         self._tell("ended", "" if failure is None else msgspec.json.encode(failure).decode())
 
 
 async def perform(source: str) -> Failure | None:
-    """Run the text of a program as a module; return the error that ended it, None without one."""
+    """Run the text of a program as a module; return the error that ended the program, None without an error."""
     linecache.cache[FILE] = len(source), None, source.splitlines(keepends=True), FILE
     names: dict[str, Any] = {"__name__": "__main__", "__file__": FILE}
     try:
-        running = eval(compiled(source), names)  # noqa: S307 - what a person has written, who has pressed Run
+        running = eval(compiled(source), names)  # noqa: S307 - after a person has pressed Run
         if running is not None:
             await running
-    except BaseException as error:  # noqa: BLE001 - each ends the program, and this worker with it
+    except BaseException as error:  # noqa: BLE001 - every error ends program and worker
         is_over = isinstance(error, SystemExit) and not error.code
         return None if is_over else _failure(error)
     return None
@@ -113,7 +113,7 @@ class _Awaiting(ast.NodeTransformer):
 
 
 def _failure(error: BaseException) -> Failure:
-    """Describe an error by the latest line of the program on the way to it."""
+    """Describe an error, with the latest line of the program in the traceback."""
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
     own = error.__traceback__
@@ -128,7 +128,7 @@ def _failure(error: BaseException) -> Failure:
 
 
 class _Console(io.TextIOBase):
-    """Output for the page, in few messages however much is printed."""
+    """Output for the page, in few messages even in an endless loop."""
 
     def __init__(self, tell: Callable[[str, str], object]) -> None:
         self._tell = tell
@@ -148,7 +148,7 @@ class _Console(io.TextIOBase):
         return len(text)
 
     def pass_on(self) -> None:
-        """Tell the page what was kept."""
+        """Send the page the kept text."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

@@ -11,7 +11,7 @@ of the line, which the page counts up with each connection, and a text:
 | program.end | | | |
 
 Kinds that begin with `port.` are for the ports of the page (`servolink/transports/page_ports.py`). A program in another
-worker, which `join` has given a number, has a port of its own (`program_pipes.py`) until `program.end`.
+worker has a separate port (`program_pipes.py`) from `join` to `program.end`.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class WorkerDoor:
                 pass
 
     def join(self, number: int, post: Post) -> None:
-        """Connect a program in another worker with the hub, once there is one; call `post` with messages for it."""
+        """Connect a program in another worker with the hub; call `post` with messages for the program."""
         self._programs[number] = PortPipes(post, self._connect)
         self._tasks.begin(self._introduce(post))
 

@@ -18,7 +18,7 @@ from servolink.control import ShareTransport
 from servolink.studio.program_pipes import PortPipes
 from servolink.support import listening_in_memory
 from tests.studio.test_worker_door import Page, opened
-from tests.support.page_pipes import HAS_SOCKETS, MakeProtocol, connect_in_memory
+from tests.support.page_pipes import CONNECT, HAS_SOCKETS, IS_SAME_USER, MakeProtocol, connect_in_memory
 
 is_program = ContextVar("is_program", default=False)
 
@@ -31,8 +31,8 @@ def workers(monkeypatch: pytest.MonkeyPatch) -> None:
         return connect_in_memory("program" if is_program.get() else name, make_protocol), ""
 
     monkeypatch.setattr(HAS_SOCKETS, False)
-    monkeypatch.setattr("servolink.hub.doors.socket_door.is_same_user", lambda _: True)
-    monkeypatch.setattr("servolink.control.share_address.connect_locally", connect)
+    monkeypatch.setattr(IS_SAME_USER, lambda _: True)
+    monkeypatch.setattr(CONNECT, connect)
     monkeypatch.setattr("servolink.studio.worker_door.connect_locally", connect)
     monkeypatch.setattr(ShareTransport, "dead_man", 2.0)
 

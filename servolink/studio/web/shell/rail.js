@@ -12,6 +12,9 @@ import { LanguageChoice } from "./language-choice.js";
 
 /** @typedef {{ name: string, icon: string, title: import("../texts/text.js").Key, isBelow?: boolean }} Entry */
 
+/** Programs in Python: beside a studio with a server there are terminals and editors. @type {Entry} */
+const CODE = { name: "code", icon: "code", title: "screen.code" };
+
 /** In the order of the rail and of the keys 1 to 9. @type {Entry[]} */
 export const ENTRIES = [
   { name: "live", icon: "live", title: "screen.live" },
@@ -20,7 +23,7 @@ export const ENTRIES = [
   { name: "buttons", icon: "buttons", title: "screen.buttons" },
   { name: "teach", icon: "teach", title: "screen.teach" },
   { name: "blocks", icon: "blocks", title: "screen.blocks" },
-  { name: "code", icon: "code", title: "screen.code" },
+  ...(isInPage ? [CODE] : []),
   { name: "record", icon: "record", title: "screen.record" },
   { name: "project", icon: "project", title: "screen.project", isBelow: true },
   { name: "board", icon: "board", title: "screen.board", isBelow: true },
@@ -32,7 +35,6 @@ export const ENTRIES = [
 export const entries = () =>
   ENTRIES.filter(({ name }) => {
     if (name === "fleet") return hasFleet.value;
-    if (name === "code" && !isInPage) return false; // a studio with a server has terminals and editors beside it
     if (name === "blocks" || name === "code") return hasBoard.value && (welcome.value === null || mayEdit.value);
     if (name === "teach" || name === "servos") return hasBoard.value && (welcome.value === null || mayMove.value);
     return hasBoard.value || name === "board";
