@@ -118,7 +118,8 @@ def test_stop_ends_a_program_and_the_next_worker_is_there(page: Any) -> None:
     printed(page, "moving")
     is_stopped(page)  # by the dead man, while the program goes on
     expect(page.get_by_text("The program is running.")).to_be_visible()
-    page.wait_for_function("import('./state/code.js').then(code => code.isReady.value)", timeout=START)
+    while not page.evaluate("import('./state/code.js').then(code => code.isReady.value)"):
+        page.wait_for_timeout(100)  # nobody tells, as the button is Stop
     button(page, "Stop").click()
     expect(page.get_by_text("The program was stopped.")).to_be_visible()
     expect(button(page, "Run")).to_be_enabled(timeout=3000)

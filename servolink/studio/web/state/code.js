@@ -46,9 +46,10 @@ export function changeProgram(text) {
 /** Run the program, once the robot may be moved. @param {import("./motion.js").Motion} motion */
 export async function runProgram(motion) {
   const text = program.value ?? "";
-  await motion.makeWay();
   output.value = "";
   mistake.value = null;
+  course.value = "";
+  await motion.makeWay();
   course.value = "running";
   programs.run(text);
 }
