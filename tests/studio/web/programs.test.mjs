@@ -132,3 +132,11 @@ test("STOP ends the program of the screen Code, and a text runs only with Run", 
   stopPorts();
   assert.deepEqual([worker.isTerminated, code.course.value], [true, "stopped"]);
 });
+
+test("a program does not begin after a STOP that came while the robot was made ready", async () => {
+  code.prepareProgram();
+  const worker = last();
+  say(worker, "ready", "");
+  await code.runProgram(/** @type {any} */ ({ makeWay: async () => stopPorts() }));
+  assert.deepEqual(worker.posted, []);
+});

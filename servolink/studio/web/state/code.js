@@ -30,12 +30,16 @@ const programs = new Programs({
     mistake.value = failure;
   },
 });
-onStop(() => programs.stop());
+let asked = 0; // number of the latest Run, Stop or STOP
+onStop(stopProgram);
 
 /** Start the worker of the next program. */
 export const prepareProgram = () => programs.prepare();
-/** End the program that runs. */
-export const stopProgram = () => programs.stop();
+/** End the program that runs, or is about to. */
+export function stopProgram() {
+  asked++;
+  programs.stop();
+}
 
 /** Keep the text of the program, which nothing but `runProgram` runs. @param {string} text */
 export function changeProgram(text) {
@@ -49,7 +53,9 @@ export async function runProgram(motion) {
   output.value = "";
   mistake.value = null;
   course.value = "";
+  const mine = ++asked;
   await motion.makeWay();
+  if (mine !== asked) return;
   course.value = "running";
   programs.run(text);
 }
