@@ -23,7 +23,6 @@ MOVES = """
 import asyncio, servolink
 async def main():
     async with servolink.connect() as board:
-        print("from", await board.angles([1]))
         await board.move({1: 60}, duration=0.5, wait=True)
         print("arrived")
         await board.move({1: 0}, duration=20, wait=True)
@@ -147,7 +146,7 @@ def test_a_killed_worker_stops_the_robot(page: Any) -> None:
 def test_a_hostile_program_finds_no_ports_no_network_and_no_stores(page: Any) -> None:
     run(page, HOSTILE)
     printed(page, "found []")
-    run(page, "import js\nwhile True: js.postMessage(['output', 'x' * 1000])")
+    run(page, "import js\nwhile True: js.postMessage('x' * 1000)")
     expect(page.get_by_text("it sent more messages than the page can show")).to_be_visible(timeout=START)
     run(page, "while True: print('x', flush=True)")
     printed(page, "x")
