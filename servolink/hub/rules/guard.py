@@ -153,7 +153,9 @@ class Guard:
         if not is_suspect or way is None:
             self._suspects.pop(servo_id, None)
             self._stalling.is_raised(servo_id, now, holds=False, seconds=0)
-            self._learn(normal, servo, way if servo.is_hold else None, now, is_still=is_still)
+            self._learn(
+                normal, servo, way if servo.is_hold and lag <= normal.most_lag else None, now, is_still=is_still
+            )
             return None
         suspect = self._suspects.setdefault(servo_id, _Suspect(now, []))
         suspect.currents.append(servo.current)
@@ -197,8 +199,9 @@ class Guard:
 
 
 def _lag(way: ServoWay, angle: int, now: float) -> int:
-    """Return by how many degrees a servo is behind its course, which is allowed to be a little late."""
-    return abs(round(way.at(max(way.began, now - _LATE))) - angle)
+    """Return by how many degrees a servo is away from its course, which is allowed to be a little late."""
+    low, high = sorted((way.at(max(way.began, now - _LATE)), way.at(now)))
+    return max(round(low - angle), round(angle - high), 0)
 
 
 def _quantile(values: Iterable[int], share: float) -> int:
