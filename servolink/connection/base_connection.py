@@ -204,10 +204,12 @@ class BaseConnection(ConnectionCore):
         else:
             self.answers.end(error)
             await self._asker.close()
-        if self.hub is not None:  # first: the hub stops what a program moves that leaves without a word
-            await self.hub.close()
-        await self.transport.close()
-        self._writer.end()
+        try:
+            if self.hub is not None:  # first: the hub stops what a program moves that leaves without a word
+                await self.hub.close()
+        finally:
+            await self.transport.close()
+            self._writer.end()
 
     # --- a board that is shared ---------------------------------------------------------------------------------
 
