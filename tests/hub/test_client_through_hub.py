@@ -42,7 +42,7 @@ ONLY_DIRECT = {
     "test_the_unit_is_set_once_and_only_before_the_first_command_with_an_angle",
     "test_units_are_left_alone_if_so_asked_and_angles_are_then_plain_numbers",
     "test_with_limits_everything_that_runs_is_read_once",
-    "test_without_limits_only_the_list_of_macros_is_read",
+    "test_without_limits_only_the_list_of_macros_and_once_the_servos_are_read",
     # Whoever is behind a hub is not told that the board is lost or silent: it is not answered.
     "test_a_board_that_does_not_answer_about_a_servo_it_does_not_have_stays_connected",
     "test_a_lost_connection_ends_a_run",
