@@ -9,6 +9,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from contextvars import ContextVar, copy_context
+from functools import partial
 from typing import Any
 
 import pytest
@@ -43,7 +44,7 @@ async def joined(page: Page) -> AsyncIterator[PortPipes]:
     page.open(1)
     await page.told[1].get()
     loop, outside = asyncio.get_running_loop(), copy_context()
-    pipes = PortPipes(lambda *message: loop.call_soon(page.door.hear, 1, *message, context=outside))
+    pipes = PortPipes(lambda *message: loop.call_soon(partial(page.door.hear, 1, *message), context=outside))
     page.door.join(1, lambda *message: loop.call_soon(pipes.hear, *message))
     token = is_program.set(True)
     try:
