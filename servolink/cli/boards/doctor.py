@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> Ending:
         report = await examine(facts, board, args.byte_order, args.timeout)
         is_well = all(each.is_harmless for each in report.findings)
         code = ExitCode.NO_BOARD if report.is_absent else ExitCode.OK if is_well else ExitCode.FAILED
-        return Returned(Examination(**examined(report)), report_text(report, Speech(os.environ)), code)
+        return Returned(Examination(**examined(report)), report_text(report, os.environ), code)
 
     return run_interruptible(main, "nothing was changed")
 
@@ -156,9 +156,9 @@ def _values_in(text: str, literals: list[str]) -> list[str] | None:
     return [*values, *[rest.removesuffix(last)] * (len(literals) > 1)] if fits else None
 
 
-def report_text(report: Report, speech: Speech) -> Iterator[Part]:
-    """Yield an examination for people: the facts, then each finding with its remedy."""
-    said = speech.said
+def report_text(report: Report, environment: Mapping[str, str], encoding: str | None = None) -> Iterator[Part]:
+    """Yield an examination for people, in the language of `Speech`: the facts, then each finding with its remedy."""
+    said = (speech := Speech(environment, encoding)).said
     yield Table((), [(said(name), said(fact)) for name, fact in _facts(report)])
     for number, finding in enumerate(report.findings, 1):
         title = speech.told(finding, "title", finding.check)

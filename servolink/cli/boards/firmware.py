@@ -13,7 +13,7 @@ from typing import Any
 
 from servolink import firmware
 from servolink.cli.arguments import not_empty
-from servolink.cli.boards.doctor import Examination, Speech, examined, report_text
+from servolink.cli.boards.doctor import Examination, examined, report_text
 from servolink.cli.command import DEVELOPERS, Command, flag, option
 from servolink.cli.command_session import Interruption, agreed, interruptible, refuse_without_answer
 from servolink.cli.screen.output import Table, print_error
@@ -169,7 +169,7 @@ async def run_install(args: argparse.Namespace, interruption: Interruption) -> E
         FirmwareInstalled(board=port.url, **examined(report), wiring=dict(_WIRING)),
         chain(
             [(f"the board is at {port.url}", "bold")],
-            report_text(report, Speech(os.environ)),
+            report_text(report, os.environ),
             [_WIRING_TABLE],
         ),
         ExitCode.FAILED if report.findings else ExitCode.OK,

@@ -56,7 +56,7 @@ def test_a_report_is_whole_in_each_language() -> None:
     report = Report([], ["serial:///dev/ttyS9"], findings=findings)
 
     def shown(language: str) -> list[object]:
-        parts = report_text(report, Speech({"LANG": language}, "utf-8"))
+        parts = report_text(report, {"LANG": language}, "utf-8")
         return [part.rows if isinstance(part, Table) else part for part in parts]
 
     assert shown("zh_TW.UTF-8") == [
@@ -77,4 +77,4 @@ def test_a_report_is_whole_in_each_language() -> None:
         ],
     ]
     assert ("observation", _ABSENT) in shown("C")[6]  # type: ignore[operator]
-    assert [*report_text(Report([]), Speech({"LANG": "zh_CN"}, "utf-8"))][-1] == "一切正常"
+    assert [*report_text(Report([]), {"LANG": "zh_CN"}, "utf-8")][-1] == "一切正常"
