@@ -125,6 +125,11 @@ def test_an_unknown_frame_of_another_length_is_damage_although_its_sum_is_right(
     assert marks_in(b"".join(cut), "little") == []
 
 
+def test_a_byte_that_one_frame_lacks_each_time_proves_no_dropped_bytes() -> None:
+    lacking = FRAMES[1].replace(b"\x11", b"")
+    assert marks_in(lacking * 3, "little") == []
+
+
 def test_right_frames_have_no_marks_and_nothing_unread() -> None:
     data = each(bytes) * 3
     assert marks_in(data, "little") == []
