@@ -20,19 +20,19 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 76_808,
+    "lines": 76_754,
     "files": 461,
     "names that cross rooms": 607,
     "own imports of a file, median": 5,
-    "own imports of a file, 90 %": 13,
+    "own imports of a file, 90 %": 12,
     "own imports of a file, most": 24,
     "blocks of TYPE_CHECKING": 21,
     "calls of the garbage collector": 4,
     "private members of others": 14,
     "classes with more than 15 attributes": 17,
     "functions with more than 8 arguments": 5,
-    "lines of benchmarks": 6_270,
-    "lines of JavaScript": 18_300,
+    "lines of benchmarks": 6_262,
+    "lines of JavaScript": 18_011,
 }
 
 LATE = {
