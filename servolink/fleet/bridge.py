@@ -64,7 +64,6 @@ class Bridge:
         self.telemetry = Telemetry(
             topics, board, policy, self.hub, self.broker, self.outbox, hz, may_send=self.prepared.is_none
         )
-        self.prepared.idle_servos = self.telemetry.idle_servos
         self.hub.on_connect = self.telemetry.begin
         self.hub.on_notification = self._hear
         self.hub.on_lost = self.telemetry.hub_lost

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 
 import msgspec
 from msgspec.structs import replace
 
-from servolink.control import Done, Ran, RunStarted
+from servolink.control import Done, Ran, RunStarted, ServoList
 from servolink.errors import MotionRefused, NotFound, Reason
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.topics import Prepare, Prepared
@@ -24,8 +23,6 @@ class ReadyRun:
         self.is_none = asyncio.Event()
         """Set unless a run is prepared or being started: less urgent work waits for the event."""
         self.is_none.set()
-        self.idle_servos: Callable[[], tuple[int, ...]] = tuple
-        """Called for the servos that do not move."""
         self._hub = hub
         self._prepared: Prepare | None = None
         self._stops = stops
@@ -41,13 +38,16 @@ class ReadyRun:
         self.forget()
         run = {"type": asked.run.type, "id": asked.run.id, "until": ticket.until - seconds_asleep()}
         checked = result_of(await self._hub.ask("run.prepare", run))
+        # Read now: of a stop just before, the latest reading for watchers may not know.
+        listed = msgspec.json.decode(result_of(await self._hub.ask("servos.list", {})), type=ServoList)
+        idle = tuple(each.servo_id for each in listed.servos if not (each.is_start and each.is_hold))
         if not self._stops.holds(ticket):
             self._hub.tell("lease.give")
             raise MotionRefused("the board was stopped while this was prepared; nothing was moved", reason=Reason.STOP)
         self.is_none.clear()
         self._prepared, self._ticket = asked, replace(ticket, until=time_with_sleep() + asked.expires)
         self._timer = asyncio.get_running_loop().call_later(asked.expires, self.forget)
-        return Prepared(msgspec.json.decode(checked, type=Ran).seconds, self.idle_servos())
+        return Prepared(msgspec.json.decode(checked, type=Ran).seconds, idle)
 
     def is_for(self, start: str) -> bool:
         """Return whether the message with this id starts the prepared run."""

@@ -27,7 +27,6 @@ from servolink.control import (
     RecordList,
     RefusedNotice,
     ServoList,
-    ServosFrame,
     decode,
     encode,
 )
@@ -121,13 +120,6 @@ class Telemetry:
         """Publish the loss of the hub."""
         self._change(connection="lost", lease=None, hold=None, programs=0)
         self.log("error", text)
-
-    def idle_servos(self) -> tuple[int, ...]:
-        """Return the servos that were stopped or released in the latest reading, and do not move."""
-        if self.frame is None:
-            return ()
-        servos = msgspec.json.decode(self.frame, type=ServosFrame).servos
-        return tuple(servo.servo_id for servo in servos if not (servo.is_start and servo.is_hold))
 
     def look_again(self) -> None:
         """Read the list of stored records soon."""

@@ -345,7 +345,7 @@ def test_nothing_is_prepared_if_a_stop_comes_meanwhile() -> None:
         async def ask(self, method: str, params: object) -> Reply:
             stops.stop()
             prepared.forget()
-            return Reply(Raw(b'{"seconds": null}'))
+            return Reply(Raw(b'{"seconds": null, "servos": []}'))
 
         def tell(self, method: str) -> None:
             self.told += (method,)

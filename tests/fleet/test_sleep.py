@@ -39,7 +39,7 @@ async def test_a_run_that_is_ready_is_not_begun_after_a_sleep(computer: Computer
 
         async def ask(self, method: str, params: object) -> Reply:
             self.methods += (method,)
-            return Reply(Raw(b'{"seconds": null, "monotonic": 1.0}'))
+            return Reply(Raw(b'{"seconds": null, "monotonic": 1.0, "servos": []}'))
 
         def tell(self, method: str) -> None:
             self.methods += (method,)
