@@ -34,7 +34,7 @@ export function CodeScreen({ motion }) {
   const isRunning = code.course.value === "running",
     mayRun = code.isReady.value && isLive.value && !isOthers.value && hold.value === null;
   const run = () => code.runProgram(motion).catch((error) => toast({ kind: "bad", title: error.message }));
-  return html`<div class="code">
+  return html`<h1 class="sr">${t("screen.code")}</h1><div class="code">
     <section class="card" aria-labelledby="code-title">
       <header class="row wrap">
         <h2 id="code-title" class="grow">${t("code.title")}</h2>
