@@ -4,6 +4,7 @@ import { effect, signal } from "../html.js";
 import { Beats } from "../link/beats.js";
 import { RequestError } from "../link/link.js";
 import { stopPorts } from "../link/worker-line.js";
+import { shortened } from "./lasting.js";
 import { LatestPose } from "./latest-pose.js";
 import { MotionState } from "./motion-state.js";
 import { isMine, linkState, problem, servos, stalled } from "./robot.js";
@@ -33,7 +34,7 @@ export class Motion {
   #link;
   #beats;
   #state = new MotionState();
-  #latest = new LatestPose((pose) => this.#call(pose, durationOf(pose)));
+  #latest = new LatestPose((pose) => this.#follow(pose));
   /** Sequence that is played, or was last. */
   #played = { wake: () => {} };
   /** Time until which a stored motion may turn servos, milliseconds of `performance.now()`. */
@@ -116,7 +117,7 @@ export class Motion {
   async play(parts, seconds, onTime = () => {}) {
     const mine = (this.#played = { wake: () => {} });
     let start = performance.now();
-    for (const { at, duration, targets: pose } of [...parts, { at: seconds, duration: 0, targets: {} }]) {
+    for (const { at, duration, targets: pose } of [...shortened(parts), { at: seconds, duration: 0, targets: {} }]) {
       await this.#until(start + at * 1000, mine);
       if (!this.#state.isHeld || this.#played !== mine) return false;
       start = Math.max(start, performance.now() - at * 1000); // late: each movement gets its full time all the same
@@ -230,6 +231,17 @@ export class Motion {
         done(undefined);
       };
     });
+  }
+
+  /** Move towards a pose; if that takes several movements, the next one follows while nothing else is wanted. @param {Pose} pose */
+  async #follow(pose) {
+    const [first, next] = shortened([{ at: 0, duration: durationOf(pose), targets: pose }]);
+    await this.#call(first.targets, first.duration);
+    if (!next) return;
+    setTimeout(() => {
+      const left = Object.entries(pose).filter(([id, angle]) => targets.value[Number(id)] === angle);
+      if (this.#state.isHeld && left.length > 0) this.#latest.want(Object.fromEntries(left));
+    }, first.duration * 1000);
   }
 
   /**

@@ -7,6 +7,7 @@ import { safeText } from "../../parts/safe-text.js";
 import { Segments } from "../../parts/segments.js";
 import { counts, down, heard } from "../../state/button-events.js";
 import { durations } from "../../state/durations.js";
+import { beginLasting } from "../../state/lasting.js";
 import { refusal, running } from "../../state/motion.js";
 import {
   chooseButton,
@@ -154,7 +155,7 @@ function usePresses(motion) {
   presses.current ??= new Presses({
     button: (id) => buttonOf(stored.value && isCurrent.value ? shownTable(stored.value) : undefined, id),
     seconds: (macroId) => (stored.value ? totals(stored.value)(macroId) : 0),
-    run: (macroId, seconds) => run(motion, macroId, seconds),
+    run: (macroId, seconds) => beginLasting(() => run(motion, macroId, seconds)),
   });
   const made = presses.current;
   const end = () => {

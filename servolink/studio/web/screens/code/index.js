@@ -6,6 +6,7 @@ import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { saveBytes } from "../../parts/save-bytes.js";
 import * as code from "../../state/code.js";
+import { beginLasting } from "../../state/lasting.js";
 import { hold, isLive, isOthers } from "../../state/robot.js";
 import { toast } from "../../state/toasts.js";
 import { said } from "../../texts/said.js";
@@ -33,7 +34,8 @@ export function CodeScreen({ motion }) {
   }, []);
   const isRunning = code.course.value === "running",
     mayRun = code.isReady.value && isLive.value && !isOthers.value && hold.value === null;
-  const run = () => code.runProgram(motion).catch((error) => toast({ kind: "bad", title: error.message }));
+  const begin = () => code.runProgram(motion).catch((error) => toast({ kind: "bad", title: error.message }));
+  const run = () => beginLasting(begin);
   return html`<h1 class="sr">${t("screen.code")}</h1><div class="code">
     <section class="card" aria-labelledby="code-title">
       <header class="row wrap">
