@@ -12,5 +12,5 @@ export function HoldButton({ label, disabled = false, onBegin, onEnd }) {
   if (!mayMove.value) return null;
   const reason = !isLive.value ? t("live.no_board") : isOthers.value ? t("live.no_control") : "";
   return html`${refusal.value && html`<span class="chip bad" role="alert">${safeText(refusal.value)}</span>`}
-    <${Hold} label=${reason || label} hint=${t("live.hold_hint")} disabled=${disabled || reason !== ""} onBegin=${onBegin} onEnd=${onEnd} />`;
+    <${Hold} label=${reason || label} room=${label} hint=${t("live.hold_hint")} disabled=${disabled || reason !== ""} onBegin=${onBegin} onEnd=${onEnd} />`;
 }

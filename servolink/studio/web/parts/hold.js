@@ -6,6 +6,7 @@ import { Icon } from "./icon.js";
 /**
  * @typedef {object} Props
  * @property {string} label
+ * @property {string} [room] the longest text of the button, which it has room for
  * @property {string} [hint]
  * @property {boolean} [disabled]
  * @property {boolean} [hasKey] whether the key H holds the button too
@@ -17,7 +18,16 @@ import { Icon } from "./icon.js";
 const KEY = "h";
 
 /** @param {Props} props */
-export function Hold({ label, hint = "", disabled = false, hasKey = true, classes = "", onBegin, onEnd }) {
+export function Hold({
+  label,
+  room = label,
+  hint = "",
+  disabled = false,
+  hasKey = true,
+  classes = "",
+  onBegin,
+  onEnd,
+}) {
   const [isHeld, setHeld] = useState(false);
   const held = useRef(false);
   const begin = () => {
@@ -61,7 +71,7 @@ export function Hold({ label, hint = "", disabled = false, hasKey = true, classe
     onBlur=${end}
     onContextMenu=${(/** @type {Event} */ event) => event.preventDefault()}
   >
-    <${Icon} name="hand" /><span>${label}</span>
+    <${Icon} name="hand" /><span data-room=${room}>${label}</span>
   </button>`;
 }
 

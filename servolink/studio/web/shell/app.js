@@ -8,6 +8,7 @@ import { hasBoard, hasFleet, welcome } from "../state/robot.js";
 import { toasts } from "../state/toasts.js";
 import { showsKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
+import { Unwritten } from "./edits.js";
 import { Header } from "./header.js";
 import { KeyList } from "./keys.js";
 import { Notices } from "./notices.js";
@@ -29,13 +30,18 @@ export function App(tools) {
     <${Banner} />
     <${Header} ...${tools} />
     ${hasScreens && html`<${Rail} />`}
+    <aside class="status" aria-label=${t("app.notices")}>
+      <div class="notes">
+        <${Questions} ...${tools} />
+        <${Notices} ...${tools} />
+        <${Unwritten} />
+      </div>
+      <${Toasts} />
+    </aside>
     <main id="main" tabindex="-1">
-      <${Questions} ...${tools} />
-      <${Notices} ...${tools} />
       <div class="screen">${Screen && html`<${Screen} key=${name} ...${tools} />`}</div>
     </main>
     ${hasScreens && html`<${Dock}><${StopButton} /></${Dock}>`}
-    <${Toasts} />
     ${showsKeys.value && html`<${KeyList} />`}
   </${StopTools.Provider}>`;
 }

@@ -13,20 +13,20 @@ import { t } from "../texts/text.js";
 
 const LASTS = 20_000; // milliseconds in which people can keep their own edit
 
-/** Buttons to undo and redo edits, and the number of differences from the board. */
+/** Buttons to undo and redo edits. */
 export function Edits() {
   if (draft.value === null || !mayEdit.value) return null;
-  const count = differences.value.length;
   return html`<div class="row edits">
       <${EditButton} icon="undo" label=${undoLabel.value} none="edit.undo" what="edit.undo_what" onClick=${undoEdit} />
       <${EditButton} icon="redo" label=${redoLabel.value} none="edit.redo" what="edit.redo_what" onClick=${redoEdit} />
-    </div>
-    ${
-      count > 0 &&
-      html`<div class="hide-t hide-n ell" role="status">
-      <b>${t("edit.not_written", { count })}</b> <span class="mut">${t(`edit.${keeping.value}`)}</span>
-    </div>`
-    }`;
+    </div>`;
+}
+
+/** Number of differences from the board, and where they are kept. */
+export function Unwritten() {
+  const count = differences.value.length;
+  if (draft.value === null || count === 0) return null;
+  return html`<p class="unwritten" role="status"><b>${t("edit.not_written", { count })}</b> <span class="mut">${t(`edit.${keeping.value}`)}</span></p>`;
 }
 
 conflict.subscribe((found) => {

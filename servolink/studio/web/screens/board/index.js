@@ -30,7 +30,7 @@ export function BoardScreen({ link, motion }) {
   return html`<h1 class="sr">${t("screen.board")}</h1>
     <div class="conn">
       <div><${RobotList} link=${link} /><${FigureCard} link=${link} /><${SettingsCard} link=${link} />${!isInPage && html`<${LinkCard} link=${link} />`}</div>
-      <div><${Doctor} link=${link} /><${LineTestCard} link=${link} /><${About} /><${RawAnglesCard} link=${link} /><${People} link=${link} /></div>
+      <div><${LineTestCard} link=${link} /><${About} /><${RawAnglesCard} link=${link} /><${People} link=${link} /><${Doctor} link=${link} /></div>
     </div>`;
 }
 

@@ -65,7 +65,7 @@ function HoldToMove({ motion }) {
     if (await motion.begin()) motion.towards(draft.value);
   };
   const end = () => motion.end();
-  return html`<${Hold} label=${label} hint=${t("live.hold_hint")} disabled=${none || !isFresh.value || isOthers.value} onBegin=${begin} onEnd=${end} />`;
+  return html`<${Hold} label=${label} room=${t("live.hold_to_move")} hint=${t("live.hold_hint")} disabled=${none || !isFresh.value || isOthers.value} onBegin=${begin} onEnd=${end} />`;
 }
 
 function Draft() {

@@ -37,7 +37,7 @@ export const movedServos = computed(() => {
 export const ServoLanes = () =>
   movedServos.value.map(
     (id) => html`<div class="lane" key=${id} data-g=${limbOf(id)}>
-    <button class="lb plain" aria-pressed=${String(chosen.value === id)} onClick=${() => chooseServo(id)}><span class="sid">${id}</span><span class="ell">${nameOf(id)}</span></button>
+    <button class="lb plain" title=${nameOf(id)} aria-pressed=${String(chosen.value === id)} onClick=${() => chooseServo(id)}><span class="sid">${id}</span><span class="ell">${nameOf(id)}</span></button>
     <div class="bd">${(turns.value.get(id) ?? []).slice(0, MOST_BARS).map(bar)}</div>
   </div>`,
   );
@@ -47,7 +47,7 @@ export function LimbLanes() {
   const moving = limbs.value.filter(({ ids }) => ids.some((id) => turns.value.has(id)));
   return moving.map(
     ({ limb, ids }) => html`<div class="lane" key=${limb} data-g=${limb}>
-    <div class="lb"><span class="gd"></span><span class="ell">${limbName(limb)}</span></div>
+    <div class="lb" title=${limbName(limb)}><span class="gd"></span><span class="ell">${limbName(limb)}</span></div>
     <div class="bd">${together(ids)
       .slice(0, MOST_BARS)
       .map(
