@@ -1,7 +1,6 @@
 // Twin on the screen: the button that tries a record with physics, and the mark of a verdict.
 
 import { html, useEffect } from "../html.js";
-import { isInPage } from "../state/connecting.js";
 import { figure } from "../state/figure.js";
 import { draft } from "../state/project.js";
 import { nameOfCommand } from "../state/shown-macro.js";
@@ -20,7 +19,7 @@ const ICON_OF = { stands: "check", falls: "close", uncertain: "help" };
 export function TryOnTwin({ type, id }) {
   useEffect(() => endTrial, [type, id]);
   const now = trial.value;
-  if (figure.value === null) return null;
+  if (figure.value === null || !hasTwin.value) return null;
   if (now === null)
     return html`<button class="btn" title=${t("twin.from")} onClick=${() => tryOnTwin(type, id)}><${Icon} name="play" />${t("twin.try")}</button>`;
   const isRunning = now.state === "running";
@@ -31,7 +30,6 @@ export function TryOnTwin({ type, id }) {
 /** @param {import("../state/twin.js").Trial} now */
 function outcome({ type, id, state, seconds: time, fall, error }) {
   if (state === "running") return t("twin.running", { time: seconds(time, 1) });
-  if (state === "missing") return t(isInPage ? "robots.elsewhere" : "twin.missing");
   if (state === "failed") return t("twin.failed", { reason: safeText(error) });
   return fall === null ? t("twin.stood") : t("twin.fell", { when: whenOf(type, id, fall) });
 }

@@ -15,7 +15,7 @@ import { linkState, welcome } from "./robot.js";
 /** Moment of a fall, with the number of the command of a macro. @typedef {{ seconds: number, command: number | null }} Fall */
 /** @typedef {{ verdict: "stands" | "falls" | "uncertain", fall: Fall | null }} Verdict */
 /** @typedef {Verdict & { type: Type, id: number }} RecordVerdict */
-/** @typedef {{ type: Type, id: number, state: "running" | "over" | "failed" | "missing", seconds: number, fall: Fall | null, error: string }} Trial */
+/** @typedef {{ type: Type, id: number, state: "running" | "over" | "failed", seconds: number, fall: Fall | null, error: string }} Trial */
 /** @typedef {{ of: Project, figure: Figure, byRecord: Map<string, Verdict>, isWhole: boolean, error: string }} Judged */
 /** @typedef {[[number, number, number], [number, number, number, number], number[]]} Frame */
 
@@ -75,7 +75,6 @@ export async function tryOnTwin(type, id) {
   const show = (change) => {
     if (run === mine) trial.value = { ...NEW, ...trial.value, type, id, ...change };
   };
-  if (hasTwin.value === false) return show({ ...NEW, state: "missing" });
   show(NEW);
   let count = 0;
   /** @param {{ frame: Frame }} progress */

@@ -4,7 +4,6 @@ import { html } from "../../html.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { whenOf } from "../../parts/twin.js";
-import { isInPage } from "../../state/connecting.js";
 import { figure } from "../../state/figure.js";
 import { draft } from "../../state/project.js";
 import { nameOfAction } from "../../state/shown-action.js";
@@ -21,9 +20,7 @@ export function TwinChecks() {
 }
 
 function Notes() {
-  if (hasTwin.value === false)
-    return html`<${Note} kind="info" title=${t(isInPage ? "robots.elsewhere" : "twin.missing")} />`;
-  if (hasTwin.value === null || figure.value === null || draft.value === null) return null;
+  if (!hasTwin.value || figure.value === null || draft.value === null) return null;
   if (judged.value?.error)
     return html`<${Note} kind="info" title=${t("twin.failed", { reason: safeText(judged.value.error) })} />`;
   const { actions, macros } = draft.value;
