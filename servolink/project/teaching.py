@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import ChainMap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import ClassVar
 
@@ -31,6 +31,7 @@ _CURVES: Mapping[str, Callable[[float], float]] = {
 }
 """Share of the way by share of the time: steady, slow at both ends, or quick at first and then slower."""
 _SAMPLES = 24
+_SPAN = 250  # readings that are thinned together: the work grows with their square
 _ROUNDING = 0.5  # degrees: actions have whole ones
 
 
@@ -48,6 +49,31 @@ def _latest(share: Callable[[float], float], begin: int, units: int, allowed: fl
         return _distance(share, first, last, share(first), share(last)) > allowed
 
     return begin + 1 + bisect_left(range(begin + 2, units + 1), 1, key=is_far)
+
+
+def _farthest(
+    times: Sequence[float], angles: Sequence[Sequence[float]], begin: int, until: int
+) -> tuple[float, int, float]:
+    """Return the worst distance of readings from the line between two of them in degrees, where, and the worst at all.
+
+    A reading too near either end, by `SHORTEST`, is no place for a pose: it counts only for the worst at all.
+    """
+    worst, place, worst_of_all = 0.0, begin, 0.0
+    length = times[until] - times[begin]
+    for at in range(begin + 1, until):
+        share = (times[at] - times[begin]) / length
+        error = max(
+            (
+                abs(low + (high - low) * share - now)
+                for low, high, now in zip(angles[begin], angles[until], angles[at], strict=True)
+            ),
+            default=0,
+        )
+        worst_of_all = max(worst_of_all, error)
+        least = PoseRecorder.SHORTEST
+        if error > worst and times[at] - times[begin] >= least and times[until] - times[at] >= least:
+            worst, place = error, at
+    return worst, place, worst_of_all
 
 
 class PoseRecorder:
@@ -107,6 +133,39 @@ class PoseRecorder:
                 if high != low or until == units:
                     degrees[servo_id] = high
             recorder.poses.append(Pose(degrees, (until - begin) / 100))
+        return recorder, worst
+
+    @classmethod
+    def thinned(
+        cls, times: Sequence[float], angles: Mapping[int, Sequence[float]], error: float, lead: float
+    ) -> tuple[PoseRecorder, float]:
+        """Return few poses of a movement that was seen, and the worst error, degrees: Ramer, Douglas and Peucker.
+
+        `times` are ascending, in seconds, and `angles` has the readings of each servo at these times. Between two poses
+        each servo turns steadily, no farther than `error` degrees from its readings, unless poses would be nearer than
+        `SHORTEST`. Servos that stay within the error are left out. The first pose is reached in `lead` seconds.
+        """
+        moved = {each: row for each, row in angles.items() if row and max(row) - min(row) > error}
+        recorder, rows = cls("", {}, 0, speed_cap=math.inf), [*zip(*moved.values(), strict=True)]
+        if not rows:
+            return recorder, 0.0
+        last = len(rows) - 1
+        worst, open_spans = 0.0, [*pairwise([*range(0, last, _SPAN), last])]
+        kept = {0, last, *range(0, last, _SPAN)}
+        while open_spans:
+            begin, until = open_spans.pop()
+            distance, at, worst_of_span = _farthest(times, rows, begin, until)
+            if distance > error - _ROUNDING:
+                kept.add(at)
+                open_spans += [(begin, at), (at, until)]
+            else:
+                worst = max(worst, worst_of_span + _ROUNDING)
+        before = 0
+        for at in sorted(kept):
+            now = round((times[at] - times[0] + lead) * 100)  # so that roundings of times do not add up
+            degrees = {each: round(angle) for each, angle in zip(moved, rows[at], strict=True)}
+            recorder.poses.append(Pose(degrees, (now - before) / 100))
+            before = now
         return recorder, worst
 
     def take(self, degrees: Mapping[int, int], now: float) -> Pose:

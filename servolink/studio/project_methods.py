@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 from msgspec import Meta, Struct
@@ -135,13 +136,29 @@ class EasingAsk(Struct, forbid_unknown_fields=True):
 
 
 class Eased(Struct, frozen=True):
-    """Poses of an eased movement."""
+    """Poses of a movement that is eased, or was seen."""
 
     poses: tuple[LessonPose, ...]
     worst: float
-    """Largest distance from the curve, degrees."""
+    """Largest distance from the curve, or from what was seen, degrees."""
     size_bytes: int
     """Size of the records on the board."""
+
+
+Readings: TypeAlias = Annotated[list[Annotated[float, Meta(ge=-1e6, le=1e6)]], Meta(max_length=3000)]
+
+
+class Seen(Struct, forbid_unknown_fields=True):
+    """Movement of the robot as it was seen."""
+
+    times: Annotated[list[Annotated[float, Meta(ge=0, le=1e9)]], Meta(max_length=3000)]
+    """Seconds, ascending."""
+    angles: Annotated[dict[Id, Readings], Meta(max_length=32)]
+    """Degrees of each servo at these times."""
+    error: Annotated[float, Meta(ge=1, le=90)]
+    """Degrees from what was seen, at most."""
+    lead: Annotated[float, Meta(ge=0.1, le=10)]
+    """Seconds to the first pose."""
 
 
 class Images(Struct, frozen=True):
@@ -191,9 +208,24 @@ def lesson(caller: PageCaller, params: PoseFilm) -> LessonMade:
 def ease(caller: PageCaller, params: EasingAsk) -> Eased:
     """Return a movement along a curve as poses that a board reaches one after another."""
     start, end = _by_id(params.start), _by_id(params.end)
-    recorder, worst = PoseRecorder.eased(params.curve, start, end, params.seconds, params.error)
+    return _eased(*PoseRecorder.eased(params.curve, start, end, params.seconds, params.error))
+
+
+@METHODS.add("project.thin", Role.WATCH, touches=Touches.NOTHING)
+@computed
+def thin(caller: PageCaller, params: Seen) -> Eased:
+    """Return a movement that was seen as few poses. ProjectError unless times ascend, with an angle of each servo."""
+    angles = _by_id(params.angles)
+    is_whole = all(len(row) == len(params.times) for row in angles.values())
+    if not is_whole or any(later <= earlier for earlier, later in pairwise(params.times)):
+        raise ProjectError("times must ascend, and each servo must have an angle at each time; record again")
+    return _eased(*PoseRecorder.thinned(params.times, angles, params.error, params.lead))
+
+
+def _eased(recorder: PoseRecorder, worst: float) -> Eased:
     poses = [LessonPose({str(each): at for each, at in pose.degrees.items()}, pose.seconds) for pose in recorder.poses]
-    return Eased(tuple(poses), worst, extend_project(Project(), recorder.record()).total_size())
+    size = extend_project(Project(), recorder.record()).total_size() if poses else 0
+    return Eased(tuple(poses), worst, size)
 
 
 def _by_id(values: Mapping[str, T]) -> dict[int, T]:

@@ -6,6 +6,9 @@ Module: servolink.project.teaching.
 from __future__ import annotations
 
 import math
+import random
+import time
+from bisect import bisect_left
 from collections.abc import Callable
 
 import pytest
@@ -153,3 +156,33 @@ def test_a_servo_that_stands_right_already_is_in_the_last_pose_only() -> None:
     recorder, _ = PoseRecorder.eased("soft", {1: 0.0}, END, 1.0, 2)
     assert all(pose.degrees.keys() == {1} for pose in recorder.poses[:-1])
     assert recorder.poses[-1].degrees == END
+
+
+@pytest.mark.parametrize("error", [1, 2, 5, 10])
+def test_thinned_poses_stay_as_near_to_what_was_seen_as_told(error: float) -> None:
+    chance = random.Random(5)
+    times = [at / 50 for at in range(2000)]
+    waves = [60 * math.sin(at) + chance.uniform(-0.3, 0.3) for at in times]
+    angles = {2: waves, 3: [abs(50 - at) for at in times]}
+    recorder, worst = PoseRecorder.thinned(times, angles, error, 1)
+    assert len(recorder.poses) < 500 / error
+    assert worst <= error + 0.3
+    ends = [sum(pose.seconds for pose in recorder.poses[: at + 1]) - 1 for at in range(len(recorder.poses))]
+    for servo_id, row in angles.items():
+        for now, seen in zip(times, row, strict=True):
+            at = min(max(1, bisect_left(ends, now)), len(ends) - 1)
+            low, high = (recorder.poses[each].degrees[servo_id] for each in (at - 1, at))
+            played = low + (high - low) * (now - ends[at - 1]) / (ends[at] - ends[at - 1])
+            assert abs(played - seen) <= worst + 0.7, (servo_id, now)  # times are whole hundredths of a second
+    assert PoseRecorder.thinned(times, {4: [3.0] * 2000}, error, 1)[0].poses == []
+    assert PoseRecorder.thinned([], {4: []}, error, 1)[0].poses == []
+
+
+def test_readings_that_jump_everywhere_are_thinned_in_seconds() -> None:
+    chance = random.Random(1)
+    times = [float(at) for at in range(3000)]
+    angles = {each: [chance.uniform(-90, 90) for _ in times] for each in range(16)}
+    began = time.process_time()
+    recorder, _ = PoseRecorder.thinned(times, angles, 1, 1)
+    assert len(recorder.poses) == 3000
+    assert time.process_time() - began < 20

@@ -72,9 +72,33 @@ def test_a_movement_is_eased_and_becomes_records_of_the_size_that_was_told() -> 
     run(test)
 
 
+def test_a_movement_that_was_seen_becomes_few_poses() -> None:
+    async def test(place: Place) -> None:
+        times = [at / 50 for at in range(101)]
+        up_and_down = [90 - abs(90 - 1.8 * at) for at in range(101)]
+        seen = {"times": times, "angles": {"2": up_and_down, "3": [7.2] * 101}, "error": 2, "lead": 1}
+        found = (await called(place, "project.thin", **seen))["result"]
+        assert found["poses"] == [
+            {"degrees": {"2": 0}, "seconds": 1},
+            {"degrees": {"2": 90}, "seconds": 1},
+            {"degrees": {"2": 0}, "seconds": 1},
+        ]
+        assert (found["worst"], found["size_bytes"]) == (pytest.approx(0.5), 3 * (38 + 5) + 38 + 3 * 12)
+        assert (await called(place, "project.thin", **{**seen, "angles": {}}))["result"]["poses"] == []
+        for fault in ({"angles": {"2": [0]}}, {"times": times[::-1]}):
+            answer = await called(place, "project.thin", **{**seen, **fault})
+            assert "record again" in answer["error"]["message"]
+
+    run(test)
+
+
 @pytest.mark.parametrize(
     ("method", "more"),
     [
+        ("project.thin", {"times": [1e300]}),
+        ("project.thin", {"error": 0}),
+        ("project.thin", {"lead": 0}),
+        ("project.thin", {"angles": {"2": [1e300]}}),
         ("project.ease", {"end": {"2": 10**400}}),
         ("project.ease", {"start": {"2": -0x8000}}),
         ("project.ease", {"seconds": 1e300}),
@@ -89,7 +113,9 @@ def test_a_movement_is_eased_and_becomes_records_of_the_size_that_was_told() -> 
 def test_values_that_no_board_takes_are_refused_by_name(method: str, more: dict[str, Any]) -> None:
     async def test(place: Place) -> None:
         movement: dict[str, Any] = {"curve": "soft", "start": {"2": 0}, "end": {"2": 90}, "seconds": 1, "error": 2}
-        params = {"project.ease": movement, "project.lesson": {**LESSON, "poses": []}}.get(method, {})
+        seen: dict[str, Any] = {"times": [], "angles": {}, "error": 2, "lead": 1}
+        usual = {"project.ease": movement, "project.lesson": {**LESSON, "poses": []}, "project.thin": seen}
+        params = usual.get(method, {})
         answer = await called(place, method, **{**params, **more})
         assert answer["error"]["code"] == Code.INVALID_PARAMS
 
