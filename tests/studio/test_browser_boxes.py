@@ -43,8 +43,9 @@ _LOSE = """async isLost => {
   boardState.value = isLost ? "lost" : "connected";
   if (isLost) isRead.value = false;
 }"""
-_TOAST = """async () => (await import("./state/toasts.js")).toast(
-  { title: "A message of some length", detail: "And what it means, in a sentence that needs a second line.".repeat(2) })"""
+_TOAST = """async () => (await import("./state/toasts.js")).toast({
+  title: "A message of some length", detail: "And what it means, in a sentence that needs more lines.".repeat(2),
+})"""
 
 _OVERLAPS = """() => {
   const isFlat = element => {
@@ -74,7 +75,8 @@ _CUT = """() => {  // names of the owner may be cut in clips and lanes of the ti
     const room = field.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
     return field.checkVisibility() && context.measureText(field.value || field.placeholder).width > room + 1;
   };
-  const fields = [...document.querySelectorAll("#app input:is(:not([type]), [type=text], [type=search])")].filter(isShort);
+  const isText = "input:is(:not([type]), [type=text], [type=search])";
+  const fields = [...document.querySelectorAll(`#app ${isText}`)].filter(isShort);
   const texts = [...document.querySelectorAll("#app *")].filter(each => each.childElementCount === 0
     && each.textContent.trim() && each.clientWidth > 1 && each.scrollWidth > each.clientWidth + 1
     && getComputedStyle(each).overflowX !== "visible" && !each.matches(".sr") && each.closest(".clip, .lb") === null);
