@@ -4,7 +4,7 @@ import { effect, html, render } from "./html.js";
 import { Link } from "./link/link.js";
 import { WorkerLine, watchPorts } from "./link/worker-line.js";
 import { drawFigures } from "./parts/stage.js";
-import { enterOnLeave } from "./parts/typing.js";
+import { enterOnLeave, followTyping } from "./parts/typing.js";
 import { App } from "./shell/app.js";
 import { sayLease } from "./shell/control.js";
 import { listenToKeys } from "./shell/keys.js";
@@ -46,6 +46,7 @@ addEventListener("hashchange", () => location.hash.startsWith("#token=") && loca
 
 if (isInPage) watchPorts();
 enterOnLeave();
+followTyping();
 followAddress();
 follow(link, (notice, wasMine) => sayLease(notice, wasMine, motion));
 followFigure(link);

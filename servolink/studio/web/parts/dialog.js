@@ -5,11 +5,15 @@ import { t } from "../texts/text.js";
 import { Icon } from "./icon.js";
 import { StopButton } from "./stop-button.js";
 
+/** Field for text, which takes the focus. */
+const FIELD = ".body input:is(:not([type]), [type=text])";
+
 /** @param {{ title: string, onClose: () => void, children?: any }} props */
 export function Dialog({ title, onClose, children }) {
   const element = useRef(/** @type {HTMLDialogElement | null} */ (null));
   useEffect(() => {
     element.current?.showModal();
+    /** @type {HTMLInputElement | null | undefined} */ (element.current?.querySelector(FIELD))?.select();
   }, []);
   return html`<dialog ref=${element} onClose=${onClose} aria-labelledby="dialog-title">
     <header>

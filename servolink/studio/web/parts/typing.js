@@ -1,7 +1,24 @@
 // Text that is being typed into a field stays there, whatever else changes on the page meanwhile.
 
-import { html, useState } from "../html.js";
+import { html, useEffect, useRef, useState } from "../html.js";
+import { takesFocus } from "../state/focus.js";
 import { mayEdit } from "../state/robot.js";
+
+let unfinished = /** @type {EventTarget | null} */ (null);
+
+/** From now on, note the field with text that was typed and not entered. */
+export function followTyping() {
+  addEventListener("input", ({ target }) => (unfinished = target), { capture: true });
+  for (const name of ["change", "focusout"]) addEventListener(name, finishTyping, { capture: true });
+}
+
+const finishTyping = () => void (unfinished = null);
+
+/**
+ * Return whether the browser's own undo is for a field: text was typed there and not entered.
+ * @param {EventTarget | null} target
+ */
+export const isUnfinished = (target) => target !== null && target === unfinished;
 
 /**
  * Return the text of a field: `text`, or what is being typed, until `end` is called or the field is left; and the
@@ -10,7 +27,10 @@ import { mayEdit } from "../state/robot.js";
  */
 export function useTyping(text) {
   const [typed, setTyped] = useState(/** @type {string | null} */ (null)),
-    end = () => setTyped(null);
+    end = () => {
+      finishTyping();
+      setTyped(null);
+    };
   /** @param {Event} event */
   const type = (event) => setTyped(/** @type {HTMLInputElement} */ (event.currentTarget).value);
   return { value: typed ?? text, end, handlers: { onInput: type, onBlur: end } };
@@ -27,7 +47,11 @@ export function enterOnLeave() {
  * @param {{ name: string, placeholder: string, label: string, onChange: (name: string) => string }} props
  */
 export function NameField({ name, placeholder, label, onChange }) {
+  const field = useRef(/** @type {HTMLInputElement | null} */ (null));
   const { value, end, handlers } = useTyping(name);
+  useEffect(() => {
+    if (takesFocus("name")) field.current?.select(); // focuses too
+  }, []);
   /** @param {Event} event */
   const rename = (event) => {
     const field = /** @type {HTMLInputElement} */ (event.currentTarget);
@@ -35,5 +59,5 @@ export function NameField({ name, placeholder, label, onChange }) {
     end();
   };
   if (!mayEdit.value) return html`<h2 class="grow ell">${name || placeholder}</h2>`;
-  return html`<input class="inp title" maxlength="32" value=${value} placeholder=${placeholder} aria-label=${label} onChange=${rename} ...${handlers} />`;
+  return html`<input ref=${field} class="inp title" maxlength="32" value=${value} placeholder=${placeholder} aria-label=${label} onChange=${rename} ...${handlers} />`;
 }

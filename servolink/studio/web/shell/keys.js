@@ -3,6 +3,7 @@
 import { html } from "../html.js";
 import { Dialog } from "../parts/dialog.js";
 import { isTyping } from "../parts/hold.js";
+import { isUnfinished } from "../parts/typing.js";
 import { stop, stopsFleet } from "../parts/stop-button.js";
 import { course } from "../state/code.js";
 import { questions } from "../state/questions.js";
@@ -139,7 +140,7 @@ export function listenToKeys(tools) {
   );
   addEventListener("keydown", (event) => {
     if (
-      isTyping(event.target) ||
+      isUnfinished(event.target) ||
       hasOwnKeys(event.target) ||
       !(event.ctrlKey || event.metaKey) ||
       event.altKey ||

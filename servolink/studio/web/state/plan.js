@@ -74,21 +74,23 @@ export async function makePlan(link) {
  */
 export async function apply(link) {
   const project = draft.value;
-  await write(link, "project.apply", { project }, () => project && noteWritten(project));
+  await write(link, "project.apply", { project }, { onWritten: () => project && noteWritten(project) });
 }
 
 /**
  * Delete everything stored on the board, after a backup.
  * @param {Link} link
  */
-export const clearBoard = (link) => write(link, "project.apply", { project: EMPTY, replace: true });
+export const clearBoard = (link) =>
+  write(link, "project.apply", { project: EMPTY, replace: true }, { label: ["settings.clear"] });
 
 /**
  * Write a backup to the board; null for the project before the latest writing.
  * @param {Link} link
  * @param {number | null} number
  */
-export const rollBack = (link, number) => write(link, "project.rollback", { backup: number });
+export const rollBack = (link, number) =>
+  write(link, "project.rollback", { backup: number }, { label: ["project.roll_back"] });
 
 /** @param {Link} link */
 export async function readBackups(link) {
@@ -100,9 +102,10 @@ export async function readBackups(link) {
  * @param {Link} link
  * @param {string} method
  * @param {object} params
- * @param {() => void} [onWritten]
+ * @param {{ onWritten?: () => void, label?: import("./undo.js").Label }} [options] label of the step that undoes what the
+ *   draft takes over from the board
  */
-async function write(link, method, params, onWritten = () => {}) {
+async function write(link, method, params, { onWritten = () => {}, label } = {}) {
   if (progress.value !== null) return;
   progress.value = { phase: "reading", done: 0, total: 0, item: "" };
   outcome.value = NO_OUTCOME;
@@ -115,7 +118,7 @@ async function write(link, method, params, onWritten = () => {}) {
   }
   progress.value = null;
   plan.value = null;
-  await Promise.all([reread(link), readBackups(link)]);
+  await Promise.all([reread(link, label), readBackups(link)]);
   outcome.value = { ...outcome.value, of: draft.value };
 }
 

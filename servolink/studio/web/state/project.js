@@ -94,16 +94,21 @@ export function keepCurrent(link) {
 /**
  * Read the board again. Edits are kept; unedited records are replaced by records of the board.
  * @param {Link} link
+ * @param {Label} [label] of a step for undo, if this page has changed the board and not the draft
  */
-export async function reread(link) {
+export async function reread(link, label) {
   const connection = welcome.value;
   reading.value = { state: "reading", done: 0, total: 0, item: "", error: "" };
   /** @param {{ done: number, total: number, item?: string }} progress */
   const show = ({ done, total, item = "" }) => (reading.value = { ...reading.value, done, total, item });
   try {
     const { project } = await link.call("project.export", {}, show);
-    if (stored.value && draft.value) replace(rebased(stored.value, draft.value, project), project);
-    else await begin(link, project);
+    if (stored.value && draft.value) {
+      const before = draft.value,
+        after = rebased(stored.value, before, project);
+      if (label) steps.add(label, before, after, "");
+      replace(after, project);
+    } else await begin(link, project);
     batch(() => {
       readBy.value = connection;
       reading.value = { ...reading.value, state: "ready" };
@@ -178,7 +183,7 @@ export function edit(label, change, merge = "") {
   const before = draft.value;
   if (before === null || (welcome.value !== null && !mayEdit.value)) return false;
   const after = withDurations(before, change(before));
-  if (after === before) return false;
+  if (after === before || differencesOf(before, after).length === 0) return false; // it would take redo away
   steps.add(label, before, after, merge);
   replace(after);
   return true;

@@ -3,6 +3,7 @@
 import { computed, signal } from "../html.js";
 import { safeText } from "../parts/safe-text.js";
 import { t } from "../texts/text.js";
+import { focusNext } from "./focus.js";
 import { draft, edit } from "./project.js";
 import { fitCaption, freeId, poseOf, withRecord } from "./records.js";
 import { actualPose } from "./robot.js";
@@ -98,12 +99,13 @@ export function changeAction(key, change, { values = {}, merge = "" } = {}) {
 }
 
 /**
- * Add an action and show it.
+ * Add an action, show it, and let its name be typed.
  * @param {Label[0]} key
  * @param {string} caption
  * @param {Action["steps"]} steps
  */
 export function addAction(key, caption, steps) {
+  focusNext("name");
   edit([key, { name: safeText(caption) }], (project) => {
     const action_id = freeId("actions", project);
     chooseAction(action_id);

@@ -5,6 +5,7 @@ import { safeText } from "../parts/safe-text.js";
 import { seconds, t } from "../texts/text.js";
 import { durations } from "./durations.js";
 import { commandOf, withCommandAt } from "./edit-macro.js";
+import { focusNext } from "./focus.js";
 import { capOf, slowness } from "./limits.js";
 import { courseOf, speedOf } from "./macro-time.js";
 import { draft, edit } from "./project.js";
@@ -108,12 +109,13 @@ export function changeMacro(key, change, { values = {}, merge = "" } = {}) {
 }
 
 /**
- * Add a macro and show it.
+ * Add a macro, show it, and let its name be typed.
  * @param {Label[0]} key
  * @param {string} caption
  * @param {readonly Command[]} commands
  */
 export function addMacro(key, caption, commands) {
+  focusNext("name");
   edit([key, { name: safeText(caption) }], (project) => {
     const macro_id = freeId("macros", project);
     chooseMacro(macro_id);
@@ -138,5 +140,6 @@ export function insertCommand(type, value) {
   const command = commandOf(type, value);
   const what = type === "delay" ? seconds(value / 1000) : nameOfCommand(command);
   changeMacro("macros.did_insert", (each) => withCommandAt(each, at, command), { values: { what } });
+  focusNext("clip");
   chooseClip(at);
 }

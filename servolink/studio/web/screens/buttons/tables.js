@@ -17,7 +17,10 @@ import { withNewTable, withoutTable, withTableName } from "../../state/edit-butt
 /** @param {{ project: Project, table: Table | undefined, onChoose: (id: number) => void }} props */
 export function Tables({ project, table, onChoose }) {
   const [renames, setRenames] = useState(false);
-  const add = () => onChoose(addTable(project));
+  const add = () => {
+    onChoose(addTable(project));
+    setRenames(true);
+  };
   return html`<span class="row wrap tables">
     <div class="seg s" role="group" aria-label=${t("buttons.tables")}>
       ${project.joystick_tables.map(

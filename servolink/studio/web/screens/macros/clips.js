@@ -3,6 +3,7 @@
 import { html, useEffect, useLayoutEffect, useRef } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { PosePicture } from "../../parts/pose-picture.js";
+import { takesFocus } from "../../state/focus.js";
 import { draft, settle } from "../../state/project.js";
 import { poseOf } from "../../state/records.js";
 import { chooseClip, chosenClip, course, macro, nameOfCommand } from "../../state/shown-macro.js";
@@ -38,6 +39,10 @@ export function ClipsLane() {
     size.observe(element);
     return () => size.disconnect();
   }, []);
+  useEffect(() => {
+    if (takesFocus("clip"))
+      /** @type {HTMLElement | null} */ (lane.current?.querySelector("[aria-pressed=true]"))?.focus();
+  });
   const all = (course.value?.clips ?? []).filter((clip) => clip.depth === 0);
   return html`<div class=${handles.value.size > 0 ? "bd numbered" : "bd"} ref=${lane}>
     <${Leads} />

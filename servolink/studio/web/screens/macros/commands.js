@@ -1,6 +1,7 @@
 // Commands of the user for the chosen command of a macro, and for the macro as a whole.
 
 import { withCommand, withCommandAt, withMoved, withoutCommandAt } from "../../state/edit-macro.js";
+import { focusNext } from "../../state/focus.js";
 import { draft, edit } from "../../state/project.js";
 import { callersOf, withoutMacro } from "../../state/records.js";
 import {
@@ -36,6 +37,7 @@ export function duplicate() {
   changeMacro("macros.did_insert", (each) => withCommandAt(each, at + 1, { ...command }), {
     values: { what: nameOfCommand(command) },
   });
+  focusNext("clip");
   chooseClip(at + 1);
 }
 
@@ -51,6 +53,7 @@ export function removeChosen() {
     at = chosenClip.value;
   if (command === null || at === null) return;
   changeMacro("macros.did_remove", (each) => withoutCommandAt(each, at), { values: { what: nameOfCommand(command) } });
+  focusNext("clip");
   chooseClip(at > 0 ? at - 1 : null);
 }
 
