@@ -28,8 +28,8 @@ ROLES: dict[RoleName, str] = {
         limits.tighten project.export project.ease project.images project.lesson project.thin recorder.list
         recorder.status records.get records.list rename servos.ack servos.list servos.parameters servos.unwatch
         servos.watch status stop studio.about studio.blocks.get studio.check studio.draft.get studio.figure.get
-        studio.file.read studio.file.write studio.fleet studio.fleet.groups studio.fleet.stop studio.rename studio.twin.reach
-        studio.twin.stop studio.twin.try studio.twin.verdicts tap.start tap.stop
+        studio.file.read studio.file.write studio.fleet studio.fleet.groups studio.fleet.stop studio.rename
+        studio.twin.reach studio.twin.stop studio.twin.try studio.twin.verdicts tap.start tap.stop
     """,
     "run": """
         lease.take recorder.mark recorder.start recorder.stop run run.prepare run.start studio.recording.read
