@@ -56,7 +56,7 @@ def _farthest(
 ) -> tuple[float, int, float]:
     """Return the worst distance of readings from the line between two of them in degrees, where, and the worst at all.
 
-    A reading too near either end, by `SHORTEST`, is no place for a pose: it counts only for the worst at all.
+    A reading nearer to either end than `SHORTEST` leaves no time for a pose: it counts only for the worst at all.
     """
     worst, place, worst_of_all = 0.0, begin, 0.0
     length = times[until] - times[begin]

@@ -148,7 +148,7 @@ class Eased(Struct, frozen=True):
 Readings: TypeAlias = Annotated[list[Annotated[float, Meta(ge=-1e6, le=1e6)]], Meta(max_length=3000)]
 
 
-class Seen(Struct, forbid_unknown_fields=True):
+class SeenMovement(Struct, forbid_unknown_fields=True):
     """Movement of the robot as it was seen."""
 
     times: Annotated[list[Annotated[float, Meta(ge=0, le=1e9)]], Meta(max_length=3000)]
@@ -213,7 +213,7 @@ def ease(caller: PageCaller, params: EasingAsk) -> Eased:
 
 @METHODS.add("project.thin", Role.WATCH, touches=Touches.NOTHING)
 @computed
-def thin(caller: PageCaller, params: Seen) -> Eased:
+def thin(caller: PageCaller, params: SeenMovement) -> Eased:
     """Return a movement that was seen as few poses. ProjectError unless times ascend, with an angle of each servo."""
     angles = _by_id(params.angles)
     is_whole = all(len(row) == len(params.times) for row in angles.values())

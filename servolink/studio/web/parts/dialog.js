@@ -5,7 +5,6 @@ import { t } from "../texts/text.js";
 import { Icon } from "./icon.js";
 import { StopButton } from "./stop-button.js";
 
-/** Field for text, which takes the focus. */
 const FIELD = ".body input:is(:not([type]), [type=text])";
 
 /** @param {{ title: string, onClose: () => void, children?: any }} props */

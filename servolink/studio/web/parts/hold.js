@@ -6,7 +6,7 @@ import { Icon } from "./icon.js";
 /**
  * @typedef {object} Props
  * @property {string} label
- * @property {string} [room] the longest text of the button, which it has room for
+ * @property {string} [room] longest text of the button
  * @property {string} [hint]
  * @property {boolean} [disabled]
  * @property {boolean} [hasKey] whether the key H holds the button too

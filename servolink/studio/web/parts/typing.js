@@ -6,7 +6,7 @@ import { mayEdit } from "../state/robot.js";
 
 let unfinished = /** @type {EventTarget | null} */ (null);
 
-/** From now on, note the field with text that was typed and not entered. */
+/** Note the field with unfinished text, from now on. */
 export function followTyping() {
   addEventListener("input", ({ target }) => (unfinished = target), { capture: true });
   for (const name of ["change", "focusout"]) addEventListener(name, finishTyping, { capture: true });
@@ -15,7 +15,7 @@ export function followTyping() {
 const finishTyping = () => void (unfinished = null);
 
 /**
- * Return whether the browser's own undo is for a field: text was typed there and not entered.
+ * Return whether a field has unfinished text, for undo of the browser.
  * @param {EventTarget | null} target
  */
 export const isUnfinished = (target) => target !== null && target === unfinished;
@@ -50,7 +50,7 @@ export function NameField({ name, placeholder, label, onChange }) {
   const field = useRef(/** @type {HTMLInputElement | null} */ (null));
   const { value, end, handlers } = useTyping(name);
   useEffect(() => {
-    if (takesFocus("name")) field.current?.select(); // focuses too
+    if (takesFocus("name")) field.current?.select();
   }, []);
   /** @param {Event} event */
   const rename = (event) => {

@@ -1,4 +1,4 @@
-// Focus of something that is drawn next: the name of a new record, or a new clip, as the next keys are for it.
+// Focus of the name of a new record, or of a new clip, when it is drawn.
 
 /** @typedef {"name" | "clip"} Part */
 
@@ -13,7 +13,7 @@ export function focusNext(part) {
 }
 
 /**
- * Return whether a part takes the focus now; only the first call after `focusNext` returns true.
+ * Return whether a part takes the focus now: true once after `focusNext`.
  * @param {Part} part
  */
 export function takesFocus(part) {

@@ -102,8 +102,8 @@ export async function readBackups(link) {
  * @param {Link} link
  * @param {string} method
  * @param {object} params
- * @param {{ onWritten?: () => void, label?: import("./undo.js").Label }} [options] label of the step that undoes what the
- *   draft takes over from the board
+ * @param {{ onWritten?: () => void, label?: import("./undo.js").Label }} [options] label of the step for undo, if the
+ *   draft follows the board
  */
 async function write(link, method, params, { onWritten = () => {}, label } = {}) {
   if (progress.value !== null) return;

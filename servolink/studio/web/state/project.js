@@ -94,7 +94,7 @@ export function keepCurrent(link) {
 /**
  * Read the board again. Edits are kept; unedited records are replaced by records of the board.
  * @param {Link} link
- * @param {Label} [label] of a step for undo, if this page has changed the board and not the draft
+ * @param {Label} [label] of the step for undo after a change of the board by this page
  */
 export async function reread(link, label) {
   const connection = welcome.value;
@@ -183,7 +183,7 @@ export function edit(label, change, merge = "") {
   const before = draft.value;
   if (before === null || (welcome.value !== null && !mayEdit.value)) return false;
   const after = withDurations(before, change(before));
-  if (after === before || differencesOf(before, after).length === 0) return false; // it would take redo away
+  if (after === before || differencesOf(before, after).length === 0) return false;
   steps.add(label, before, after, merge);
   replace(after);
   return true;
