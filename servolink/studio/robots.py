@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from importlib.resources import files
 from itertools import count
-from typing import Any
+from typing import Any, TypeAlias
 
 import msgspec
 
@@ -17,12 +17,15 @@ from servolink.control import Greeting, HubStatus, RpcChannel, open_channel
 from servolink.errors import OpenError, Reason, ServolinkError, escape
 from servolink.hub import serve_board
 from servolink.project import ProjectFile
-from servolink.protocol import RECORD_TYPES
+from servolink.protocol import ALL_SERVOS, RECORD_TYPES, SetServoParameterRequest
+from servolink.support import Tasks
 
+Stop: TypeAlias = Callable[[int], Awaitable[None]]
 VIRTUAL = "virtual://?servos=16"
 """Address of a new virtual board with the demo: some actions, macros and buttons."""
 _SHARED = "share://"
 _STOP_LIMIT = 2.0  # seconds
+_STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
 
 
 class Robots:
@@ -31,7 +34,7 @@ class Robots:
     def __init__(self, **options: Any) -> None:
         """Open boards with the `options` of `connect`."""
         self._options = options
-        self._shared: dict[str, tuple[asyncio.Task[None], asyncio.Event]] = {}  # by the name of the hub
+        self._shared: dict[str, tuple[asyncio.Task[None], asyncio.Event, Stop]] = {}  # by the name of the hub
 
     def __contains__(self, name: str) -> bool:
         """Return whether the studio shares the board of the hub `name`."""
@@ -46,7 +49,7 @@ class Robots:
             name = address.removeprefix(_SHARED).partition("?")[0]
             async with _talking(name):
                 return name
-        opened: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        opened: asyncio.Future[tuple[str, Stop]] = asyncio.get_running_loop().create_future()
         end = asyncio.Event()
         # In a separate task: the board stays open after the request of the page that opens it.
         task = asyncio.create_task(self._share(address, opened, end))
@@ -58,14 +61,23 @@ class Robots:
             raise
         if not opened.done():
             await task  # raises the error
-        self._shared[name := opened.result()] = task, end
+        name, stop = opened.result()
+        self._shared[name] = task, end, stop
         task.add_done_callback(lambda _: self._shared.pop(name, None))
         return name
+
+    async def stop(self, name: str, frames: int) -> None:
+        """Stop all servos of a board shared from here, first with so many stop frames in a row.
+
+        Raise ServolinkError if that is not confirmed.
+        """
+        _, _, stop = self._shared[name]
+        await stop(frames)
 
     async def give_back(self, name: str) -> None:
         """End the sharing of a board and free its port. No effect for a board shared by another program."""
         if name in self._shared:
-            task, end = self._shared[name]
+            task, end, _ = self._shared[name]
             end.set()
             await asyncio.wait((task,))
 
@@ -74,12 +86,19 @@ class Robots:
         for name in list(self._shared):
             await self.give_back(name)
 
-    async def _share(self, address: str, opened: asyncio.Future[str], end: asyncio.Event) -> None:
+    async def _share(self, address: str, opened: asyncio.Future[tuple[str, Stop]], end: asyncio.Event) -> None:
         served = serve_board(address, name=_name_for(address), guard=True, **self._options)
         async with served as (hub, _):
             if address == VIRTUAL:
                 await _store_demo(hub.board)
-            opened.set_result(hub.name)
+
+            async def stop(frames: int) -> None:
+                stopping = hub.begin_stop("studio")  # cancels motions at once
+                for _ in range(frames):
+                    await hub.board.connection.send_stop(_STOP)
+                await Tasks.shared_result(stopping)
+
+            opened.set_result((hub.name, stop))
             await end.wait()
 
 

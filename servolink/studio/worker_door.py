@@ -27,7 +27,7 @@ from servolink.errors import DecodeError, ServolinkError
 from servolink.protocol import ALL_SERVOS, PACKETS, ByteOrder, Codec, FrameAt, SetServoParameterRequest
 from servolink.studio.page import OK, Hello, serve_page
 from servolink.studio.program_pipes import PortPipes
-from servolink.studio.robots import VIRTUAL, Robots, stop_all
+from servolink.studio.robots import VIRTUAL, Robots
 from servolink.studio.studio_methods import Studio
 from servolink.support import Tasks, connect_locally
 from servolink.transports import PagePorts
@@ -131,10 +131,13 @@ class WorkerDoor:
         await connect_locally(self._studio.hub, make_protocol)
 
     async def _stop(self) -> None:
-        """Stop the board, which the page has stopped already: what was asked for before is not sent any more."""
-        while self._ports.are_behind:  # also after a stop that was under way before the page's
+        """Stop the board, which the page has stopped already: what was asked for before is not sent any more.
+
+        The response to each stop of the page needs a slot of the connection.
+        """
+        while self._ports.stops_behind and self._studio.hub in self._studio.robots:
             with suppress(ServolinkError):  # the page calls `stop` too, and gets the error
-                await stop_all(self._studio.hub)
+                await self._studio.robots.stop(self._studio.hub, self._ports.stops_behind)
             await asyncio.sleep(_STOP_PAUSE)
 
     async def _serve(self, number: int, greeting: str) -> None:

@@ -14,7 +14,8 @@ A message has a kind, the number of an open port, and a text. Bytes are characte
 | | | port.list | ports granted to the page, as JSON; number 0 |
 
 STOP does not wait for this program: the page writes the stop frame, and drops frames of older epochs that may move
-servos. The connection then sends its own stop, which is not written again, and frames after it carry the new epoch.
+servos. The connection then sends its own stop for each stop of the page; these are not written again, and frames after
+them carry the new epoch.
 """
 
 from __future__ import annotations
@@ -89,9 +90,9 @@ class PagePorts:
         self._numbers = count(1)
 
     @property
-    def are_behind(self) -> bool:
-        """Whether an open port has not been told the stop of the connection after a stop of the page."""
-        return any(port.is_behind for port in self._open.values())
+    def stops_behind(self) -> int:
+        """Stops of the page for which the connection of an open port has not sent a stop yet."""
+        return max((port.stops_behind for port in self._open.values()), default=0)
 
     def take(self, kind: str, number: int, text: str) -> None:
         """Handle a message of the page."""
@@ -131,9 +132,9 @@ class PagePort(BaseTransport):
         self._holding: asyncio.TimerHandle | None = None
 
     @property
-    def is_behind(self) -> bool:
-        """Whether the connection has not sent its stop since the latest stop of the page."""
-        return self._epoch != self._stopped
+    def stops_behind(self) -> int:
+        """Stops of the page for which the connection has not sent a stop yet."""
+        return self._stopped - self._epoch
 
     def hear(self, kind: str, text: str) -> None:
         """Handle a message of the page for this port."""
@@ -173,9 +174,10 @@ class PagePort(BaseTransport):
     def _send(self, data: bytes) -> Awaitable[None] | None:
         if data:
             stop = self._page.frames.stop_for(data)
-            if self.is_behind and data == stop:
-                self._epoch = self._stopped
-                asyncio.get_running_loop().call_soon(self._go_on)  # not now: the connection is still sending
+            if self.stops_behind and data == stop:
+                self._epoch += 1
+                if not self.stops_behind:
+                    asyncio.get_running_loop().call_soon(self._go_on)  # not now: the connection is still sending
                 return None
             self._hand_over(stop)
             mark = "!" if self._page.frames.may_move(data) else ""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import defaultdict
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any, get_args
 
@@ -24,6 +24,7 @@ from servolink.protocol import (
     Step,
 )
 from servolink.studio.worker_door import BoardFrames, WorkerDoor
+from servolink.virtual import VirtualBoard, VirtualTransport
 
 
 class Page:
@@ -119,6 +120,85 @@ async def test_a_board_that_cannot_be_opened_is_told_and_replaced_by_a_virtual_r
         page.door.take("open", 1, json.dumps({"token": ""}))
         assert (await page.told[1].get())[1]["is_virtual"]
         assert page.refused[0].startswith("webserial://1a86:7523: the browser has no such port for this page")
+
+
+class RobotAtPort(Page):
+    """A page with a robot at its port, which writes stop frames by itself."""
+
+    DELAY = 0.05  # seconds until a response is here
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.line = VirtualTransport(VirtualBoard(4), "virtual://")
+        self.number = self.epoch = self.sent = 0
+        self.stop_frame = b""
+        self.tasks = set[asyncio.Future[None]]()
+
+    def post(self, kind: str, number: int, text: str) -> None:
+        data = text.encode("latin-1", "ignore")
+        match kind:
+            case "port.open":
+                self.number = number
+                self._begin(self._open())
+            case "port.stop":
+                self.stop_frame = data
+            case "port.frame":
+                head, _, frame = data.partition(b" ")
+                self.sent += len(frame)
+                self.door.take("port.sent", number, str(self.sent))
+                if not head.endswith(b"!") or int(head[:-1]) >= self.epoch:
+                    self._begin(self.line.send(frame))
+            case "port.close":
+                self.door.take("port.closed", number, "")
+            case _:
+                super().post(kind, number, text)
+
+    async def press_stop(self) -> None:
+        """Write the stop frame, and tell the worker, which is busy meanwhile."""
+        self.epoch += 1
+        await self.line.send(self.stop_frame)
+        self.door.take("port.stopped", self.number, str(self.epoch))
+
+    def data(self, chunk: bytes, /) -> None:
+        text = chunk.decode("latin-1")
+        asyncio.get_running_loop().call_later(RobotAtPort.DELAY, self.door.take, "port.data", self.number, text)
+
+    def lost(self, error: Exception | None, /) -> None:
+        pass
+
+    async def _open(self) -> None:
+        await self.line.open(self)
+        self.door.take("port.opened", self.number, "0")
+
+    def _begin(self, doing: Coroutine[Any, Any, None]) -> None:
+        self.tasks.add(task := asyncio.ensure_future(doing))
+        task.add_done_callback(self.tasks.discard)
+
+
+@pytest.mark.parametrize("pause", [0.0, 0.02, 0.06, 0.11])
+@pytest.mark.parametrize("count", [1, 2, 5])
+async def test_each_of_several_stops_of_the_page_is_followed_at_once(count: int, pause: float) -> None:
+    page = RobotAtPort()
+    page.door = WorkerDoor(page.post)
+    now = asyncio.get_running_loop().time
+    try:
+        await page.door.begin("webserial://1a86:7523")
+        page.open(1)
+        await page.told[1].get()
+        await page.call(1, "move", targets={"1": 90}, duration=5)
+        for _ in range(count):
+            await page.press_stop()
+            await asyncio.sleep(pause)
+        pressed = now()
+        await page.call(1, "stop")
+        assert now() - pressed < 10 * page.DELAY  # bytes wait a second for a stop that does not come
+        assert page.door._ports.stops_behind == 0
+        assert not any(servo["is_start"] for servo in (await page.call(1, "servos.list"))["servos"])
+        await page.call(1, "servo.set", servo="all", start=True, hold=True)
+        await page.call(1, "move", targets={"1": 30}, duration=0.2, wait=True)  # frames carry the new epoch
+    finally:
+        await page.door.close()
+        await page.line.close()
 
 
 def test_frames_that_may_move_are_known_in_both_byte_orders() -> None:

@@ -37,13 +37,30 @@ async def test_the_stop_of_the_connection_is_not_sent_again_and_begins_the_new_e
         wire._page.on_stop = lambda: stopped.append(1)
         wire.tell("port.stopped", "1")
         await asyncio.sleep(0)
-        assert (stopped, wire._page.are_behind) == ([1], True)
+        assert (stopped, wire._page.stops_behind) == ([1], 1)
         await wire.transport.send(b"M1")  # asked for before the stop
         await wire.transport.send(b"S")
         await wire.transport.send(b"M2")
         await wire.transport.send(b"S")  # a stop of the program
         assert [text for kind, text in wire.posted if kind == "port.frame"] == ["0! M1", "1! M2", "1 S"]
-        assert not wire._page.are_behind
+        assert wire._page.stops_behind == 0
+
+
+async def test_each_of_several_stops_of_the_page_is_followed_by_one_of_the_connection() -> None:
+    async with PageWire() as wire:
+        ear = await wire.open()
+        wire.tell("port.stopped", "1")
+        wire.tell("port.stopped", "2")
+        await wire.say(b"two responses")
+        await asyncio.sleep(0)
+        await wire.transport.send(b"S")
+        await wire.transport.send(b"M1")  # older than the second stop: the page drops it
+        await asyncio.sleep(0)
+        assert (ear.heard, wire._page.stops_behind) == (b"", 1)
+        await wire.transport.send(b"S")
+        await wire.transport.send(b"M2")
+        assert [text for kind, text in wire.posted if kind == "port.frame"] == ["1! M1", "2! M2"]
+        assert await ear.hear(13) == b"two responses"
 
 
 async def test_responses_wait_until_the_connection_has_sent_its_stop() -> None:

@@ -20,7 +20,7 @@ from servolink.errors import ProjectError, escape, quote
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import ProjectFile, load_project
 from servolink.project.transfer.journal import Journal, journal_of
-from servolink.support import read_file, reason, user_folder, write_atomically
+from servolink.support import read_file, read_json, reason, user_folder, write_atomically
 
 IMPORTS = "imports"
 """Folder of the journals."""
@@ -148,7 +148,7 @@ class BackupStore:
                     found.append(_read(path, marker))
                 except FileNotFoundError:
                     continue  # deleted by another program at this moment
-                except (OSError, ValueError, RecursionError) as error:  # JSON and types raise subclasses of ValueError
+                except (OSError, ValueError) as error:  # types raise a subclass of ValueError
                     text = f"{escape(str(path))}: the journal of an import cannot be read: {escape(str(error))}"
                     if marker == project_id:
                         raise ProjectError(
@@ -227,7 +227,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def _read(path: Path, marker: int) -> Journal:
-    journal = msgspec.convert(json.loads(read_file(path, _LARGEST)), Journal)
+    journal = msgspec.convert(read_json(read_file(path, _LARGEST)), Journal)
     if journal.marker != marker:
         raise ValueError(f"the content belongs to {journal.marker:08x}")
     for name in filter(None, (journal.backup, journal.restores)):
