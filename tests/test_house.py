@@ -20,7 +20,7 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 76_864,
+    "lines": 76_879,
     "files": 461,
     "names that cross rooms": 607,
     "own imports of a file, median": 5,
