@@ -218,7 +218,9 @@ def test_what_the_hub_finds_wrong_is_said_until_it_is_put_away(studio: Studio, b
         main = page.locator(".screen").bounding_box()
         pipes[-1].send('{"jsonrpc": "2.0", "method": "problem", "params": {"text": "<b>hot</b>\\u202e"}}')
         playwright.expect(page.get_by_text("<b>hot</b>\\u202e")).to_be_visible()
-        assert page.locator(".screen").bounding_box()["y"] > main["y"]  # it covers nothing
+        note = page.locator(".status .note").bounding_box()
+        assert page.locator(".screen").bounding_box() == main  # nothing moves
+        assert note["y"] + note["height"] <= main["y"]  # and nothing is covered
         page.get_by_role("button", name="Close").click()
         playwright.expect(page.get_by_text("<b>hot</b>")).to_have_count(0)
 
