@@ -9,6 +9,7 @@ import { history, isFresh, isLive, servoIds } from "../../state/robot.js";
 import { theme } from "../../state/settings.js";
 import { chosen, plotQuantity, plottedQuantity, showLimb, shownLimb } from "../../state/view.js";
 import { t } from "../../texts/text.js";
+import { RecordMacro } from "./record.js";
 import { Inspector } from "./inspector.js";
 import { ServoRow } from "./servo-row.js";
 import { StageCard } from "./stage-card.js";
@@ -36,7 +37,7 @@ export function LiveScreen(tools) {
         )}
       </div>
       <div class="limbs rc">${cards(right)}</div>
-      <${PlotCard} />
+      <${PlotCard} link=${tools.link} />
       <${Inspector} ...${tools} />
     </div>`;
 }
@@ -86,7 +87,8 @@ const Legend = () => html`<ul class="plotlegend grow" aria-label=${t("live.legen
 
 const SECONDS = 12;
 
-function PlotCard() {
+/** @param {{ link: import("../../link/link.js").Link }} props */
+function PlotCard({ link }) {
   return html`<section class="card plotcard">
     <header>
       <${Segments} label=${t("live.plot")} small value=${plottedQuantity.value} onChoose=${plotQuantity}
@@ -96,6 +98,7 @@ function PlotCard() {
           { value: "temperature_raw", label: t("live.temperature_title") },
         ]} />
       <${Legend} />
+      <${RecordMacro} link=${link} />
       <span class="chip hide-n">${t("live.last_seconds", { seconds: SECONDS })}</span>
     </header>
     <${Plot} history=${history} ids=${servoIds.value} quantity=${plottedQuantity.value} seconds=${SECONDS} chosen=${chosen.value}
