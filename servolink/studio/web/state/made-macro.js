@@ -1,4 +1,4 @@
-// Macro made of poses that the library has found: an action for each pose, and a macro that plays them.
+// Macro made of poses from the library: an action for each pose, and a macro to play the actions.
 
 import { safeText } from "../parts/safe-text.js";
 import { t } from "../texts/text.js";
@@ -9,13 +9,13 @@ import { fitCaption, withMade } from "./records.js";
 import { editToast, toast } from "./toasts.js";
 import { chooseAction, chooseMacro } from "./view.js";
 
-/** Answer of the library. @typedef {{ poses: { degrees: Record<string, number>, seconds: number }[], worst: number, size_bytes: number }} FewPoses */
+/** @typedef {{ poses: { degrees: Record<string, number>, seconds: number }[], worst: number, size_bytes: number }} FewPoses */
 
-/** Answer before the library has answered. @type {FewPoses} */
+/** @type {FewPoses} */
 export const NO_POSES = { poses: [], worst: 0, size_bytes: 0 };
 
 /**
- * Add the actions of poses to the draft, and a macro that plays them.
+ * Add actions of poses to the draft, and a macro to play the actions.
  * @param {string} name
  * @param {FewPoses["poses"]} poses
  * @param {"easing.did_make" | "seen.did_make"} label
@@ -29,7 +29,7 @@ export async function makeMacro(name, poses, label) {
   const question = { ...namesOf(fitting, project), poses, start: {}, caps: {}, may_repeat: true };
   try {
     const made = await ask("project.lesson", question);
-    if (draft.value !== project) return makeMacro(name, poses, label); // edited meanwhile, so that other ids are free
+    if (draft.value !== project) return makeMacro(name, poses, label); // other ids are free now
     edit([label, { name }], (before) => withMade(before, made));
     chooseAction(made.actions[0].action_id);
     if (made.macros.length > 0) chooseMacro(made.macros[0].macro_id);

@@ -1,4 +1,4 @@
-// Movement of the robot as seen on the screen Live, whatever moved it, to become a macro (`project.thin`).
+// Movement of the robot as seen on the screen Live, to become a macro (`project.thin`).
 
 import { effect, signal } from "../html.js";
 import { LENGTH } from "./history.js";
@@ -11,20 +11,18 @@ export const begunAt = signal(/** @type {number | null} */ (null));
 /** Movement recorded last; null without one. */
 export const seen = signal(/** @type {Seen | null} */ (null));
 
-/** Begin to record what the robot does. */
 export function beginSeeing() {
   seen.value = null;
   begunAt.value = history.count;
 }
 
-/** End the recording, and keep what was seen. */
+/** End the recording, and keep its readings. */
 export function endSeeing() {
   if (begunAt.value === null) return;
   seen.value = readingsFrom(begunAt.value);
   begunAt.value = null;
 }
 
-/** Forget what was seen. */
 export function forgetSeen() {
   seen.value = null;
 }
@@ -35,7 +33,7 @@ effect(() => {
 });
 
 /**
- * Return the readings from one on. A doubtful reading is taken for the reading before.
+ * Return the readings from a number on, with the reading before in place of a doubtful reading.
  * @param {number} begin
  * @returns {Seen}
  */

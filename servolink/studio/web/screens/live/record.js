@@ -1,4 +1,4 @@
-// Recording on the screen Live: what was seen becomes a macro, within a tolerance that is shown before.
+// Recording on the screen Live, and the macro of its movement within a shown tolerance.
 
 import { html, useEffect, useState } from "../../html.js";
 import { Dialog } from "../../parts/dialog.js";
@@ -20,12 +20,12 @@ const LEAST_ERROR = 1,
   MOST_ERROR = 20; // degrees
 const LEAD = 1; // seconds to the first pose
 
-/** Button to record what the robot does, and the dialog that makes a macro of the recording. @param {{ link: Link }} props */
+/** @param {{ link: Link }} props */
 export function RecordMacro({ link }) {
   if (!mayEdit.value) return null;
   const isRecording = begunAt.value !== null;
   const begin = () => {
-    open(link); // the macro needs the names and numbers of the others
+    open(link);
     beginSeeing();
   };
   return html`<button class="btn s record" aria-pressed=${String(isRecording)} disabled=${!isLive.value} onClick=${isRecording ? endSeeing : begin}>
