@@ -25,7 +25,7 @@ from servolink.motion import ServoWay
 
 AFTERWARDS = 1.0
 """Seconds after a motion in which the servo is still watched."""
-STALLED = 0.25
+STALLED = 0.2
 """Seconds for which a servo that draws more than its normal must be suspect."""
 STALLED_BY_LAG = 1.0
 """Seconds for which a servo must be suspect whose normal current is unknown, or says nothing."""
@@ -36,6 +36,7 @@ AHEAD = 60.0
 
 _LATE = 0.1  # seconds by which a reading, or the start of a servo, may be late
 _STILL = 2  # degrees by which the readings of a servo that stands still differ
+_PUSHED_BACK = 4  # degrees by which what stops a servo pushes it back before both stand still
 _FEWEST_SUSPECT = 3  # readings: two may be of one stall of the line
 _FEWEST, _MOST = 20, 500  # readings for a normal
 _LONGEST_TREND, _SHORTEST_TREND = 60.0, 20.0  # seconds of temperatures
@@ -103,6 +104,10 @@ class Stall(Struct, frozen=True):
 
 class _Suspect(Struct):
     since: float
+    angle: int
+    """Where it stands."""
+    sign: int
+    """Sign of the way to its course, 1 or -1."""
     currents: list[int]
 
 
@@ -149,6 +154,8 @@ class Guard:
             self._stands[servo_id] = angle
         is_commanded = way is not None and way.began <= now <= way.began + way.seconds + AFTERWARDS
         lag = 0 if way is None else _lag(way, angle, now)
+        if (suspect := self._suspects.get(servo_id)) is not None:
+            is_still = -_PUSHED_BACK <= (angle - suspect.angle) * suspect.sign <= _STILL
         is_suspect = servo.is_start and servo.is_hold and is_commanded and is_still and lag > normal.most_lag
         if not is_suspect or way is None:
             self._suspects.pop(servo_id, None)
@@ -157,7 +164,9 @@ class Guard:
                 normal, servo, way if servo.is_hold and lag <= normal.most_lag else None, now, is_still=is_still
             )
             return None
-        suspect = self._suspects.setdefault(servo_id, _Suspect(now, []))
+        if suspect is None:
+            suspect = _Suspect(now, self._stands[servo_id], 1 if way.at(now) > angle else -1, [])
+            self._suspects[servo_id] = suspect
         suspect.currents.append(servo.current)
         current, level = median(suspect.currents), None
         draws_more = len(suspect.currents) >= _FEWEST_SUSPECT
