@@ -10,6 +10,7 @@ from servolink.twin.body import Body, BodyPart, Solid
 from servolink.twin.forecasts import Forecast, Verdict, forecast
 from servolink.twin.jobs import FALLING, Frame, Judged, PhysicsProcess, Reached, frame_of
 from servolink.twin.mjcf import model_text
+from servolink.twin.motion_checks import check_move, check_record
 from servolink.twin.placement import Placement, Vector, plus, times
 from servolink.twin.reach import load_figure
 from servolink.twin.simulation import Physics, is_installed
@@ -28,6 +29,8 @@ __all__ = [
     "plus",
     "times",
     # forecasts
+    "check_move",
+    "check_record",
     "Fall",
     "Forecast",
     "RunningTrial",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import AsyncGenerator, Iterator
 from functools import lru_cache
 from time import monotonic
@@ -12,9 +13,10 @@ from msgspec import Meta, Struct
 
 from servolink.project import Figure, Project
 from servolink.protocol import Action, Macro
-from servolink.twin.body import Body, metres
+from servolink.twin.body import Body, metres, read_figure
 from servolink.twin.forecasts import VARIATIONS, Verdict
 from servolink.twin.mjcf import BASE
+from servolink.twin.motion_checks import CheckProcess
 from servolink.twin.placement import Vector, plus
 from servolink.twin.reach import PosableFigure
 from servolink.twin.simulation import Physics
@@ -181,3 +183,15 @@ class PhysicsProcess(Worker):
         """Return the pose after the tip of a joint was pulled (see `pull`)."""
         (reached,) = [each async for each in self.run(pull, figure, joint, move, start)]
         return reached
+
+    @staticmethod
+    def checker(path: str | os.PathLike[str]) -> CheckProcess:
+        """Return a process that checks motions for the robot of a project file.
+
+        Raises:
+            ProjectError: The file cannot be read.
+            TwinError: The file has no figure, the figure has no possible body, or MuJoCo is missing.
+        """
+        figure = read_figure(path)[1]
+        Physics(Body.of(figure))
+        return CheckProcess(msgspec.json.encode(figure.checked().to_json()))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Mapping
 from copy import copy
 from importlib import import_module
 from importlib.util import find_spec
@@ -11,7 +12,7 @@ from typing import Any, Final
 
 from servolink.errors import TwinError, escape, install_extra, quote
 from servolink.twin.body import Body
-from servolink.twin.mjcf import FLOOR, model_text, part_names, servo_joint
+from servolink.twin.mjcf import BASE, FLOOR, model_text, part_names, servo_joint
 from servolink.virtual import Hardware
 
 TICK: Final = 0.01
@@ -60,6 +61,7 @@ class Physics:
         self._names = {0: FLOOR, **{number: part.name for number, part in zip(self._bodies, body.parts, strict=True)}}
         self.servo_ids = tuple(body.drives)
         """Servos in the order of the actuators of the model."""
+        self._feet = [number for number in self._bodies if self._names[number] in body.feet]
         joints = [self.model.joint(servo_joint(servo_id)) for servo_id in self.servo_ids]
         self.positions = [int(joint.qposadr[0]) for joint in joints]
         """Places of the servos in `data.qpos`."""
@@ -67,15 +69,60 @@ class Physics:
         self.reset()
         self._refuse_overlap()
 
-    def reset(self) -> None:
-        """Put the body at rest, with all servos at 0 or at the nearest limit, at the time 0."""
+    def reset(self, degrees: Mapping[int, float] | None = None) -> None:
+        """Put the body at rest, with all servos at 0 or at the nearest limit, at the time 0.
+
+        With `degrees` by servo id, these servos are there instead, and the base of the body still is where it rests.
+        """
         self._mujoco.mj_resetData(self.model, self.data)
         for part, number in zip(self.body.parts, self._bodies, strict=True):
             if part.servo is not None:
-                self.data.qpos[self.model.jnt_qposadr[self.model.body_jntadr[number]]] = part.rest
+                angle = part.rest if degrees is None else degrees.get(part.servo, part.rest * _DEGREES) / _DEGREES
+                at = self.model.jnt_qposadr[self.model.body_jntadr[number]]
+                self.data.qpos[at] = min(max(angle, part.limits[0]), part.limits[1])
         self.data.ctrl[:] = self.data.qpos[self.positions]
         self.model.actuator_forcerange[:] = self._original.actuator_forcerange
         self._mujoco.mj_forward(self.model, self.data)
+
+    def pose(self, degrees: Mapping[int, float], *, sunk: float = 0.0) -> None:
+        """Put the body at rest with servos at `degrees` by id: its lower foot flat, and its lowest part on the floor.
+
+        A body without feet keeps its base upright. With `sunk` metres below the floor, all that is near it touches.
+        """
+        self.reset()
+        foot_at = {number: (self.data.xpos[number].copy(), self.data.xmat[number].copy()) for number in self._feet}
+        self.reset(degrees)
+        if self.body.bolted:
+            return
+        data, base = self.data, self.model.body(BASE).id
+        if self._feet:
+            foot = min(self._feet, key=lambda number: float(data.xpos[number][2]))
+            place, turn = foot_at[foot]
+            back = turn.reshape(3, 3) @ data.xmat[foot].reshape(3, 3).T
+            data.qpos[:3] = place + back @ (data.xpos[base] - data.xpos[foot])
+            self._mujoco.mju_mat2Quat(data.qpos[3:7], (back @ data.xmat[base].reshape(3, 3)).flatten())
+            self._mujoco.mj_kinematics(self.model, data)
+        data.qpos[2] -= self._lowest() + sunk
+        self._mujoco.mj_forward(self.model, data)
+
+    def _lowest(self) -> float:
+        """Return the height of the lowest point of the body, in metres."""
+        solid = self.model.geom_bodyid > 0
+        is_box = self.model.geom_type[solid] == self._mujoco.mjtGeom.mjGEOM_BOX
+        size, down = self.model.geom_size[solid], abs(self.data.geom_xmat[solid][:, 6:])
+        box = (size * down).sum(axis=1)
+        cylinder = size[:, 1] * down[:, 2] + size[:, 0] * (1 - down[:, 2] ** 2).clip(0) ** 0.5
+        reach = box * is_box + cylinder * ~is_box
+        return float((self.data.geom_xpos[solid][:, 2] - reach).min())
+
+    def forces(self) -> dict[tuple[str, str], float]:
+        """Return the newtons with which parts press on each other or on the floor, by pair as in `touching`."""
+        force, found = self.data.xfrc_applied[0].copy(), dict[tuple[str, str], float]()
+        for at, pair in enumerate(self.model.geom_bodyid[self.data.contact.geom].tolist()):
+            one, other = sorted(self._names[number] for number in pair)
+            self._mujoco.mj_contactForce(self.model, self.data, at, force)
+            found[one, other] = found.get((one, other), 0.0) + float(force[0])
+        return found
 
     def vary(self, *, mass: float = 1.0, stiffness: float = 1.0, friction: float = 1.0) -> None:
         """Multiply masses, stiffness of servos and friction of the body by factors."""
@@ -117,14 +164,17 @@ class Physics:
 class Simulation:
     """Body with the hardware of a virtual board: the servos of the board are the commands of the servos of the body."""
 
-    def __init__(self, physics: Physics, hardware: Hardware) -> None:
-        """Put the body and the servos of the board at rest, at the time 0 of both."""
+    def __init__(self, physics: Physics, hardware: Hardware, pose: Mapping[int, float] | None = None) -> None:
+        """Put body and servos at rest, or in a pose (see `Physics.pose`), at the time 0 of body and board."""
         self.physics = physics
         self.hardware = hardware
         self._steps = round(TICK / physics.model.opt.timestep)
         self._ticks = 0
         self._released = set[int]()
-        physics.reset()
+        if pose is None:
+            physics.reset()
+        else:
+            physics.pose(pose)
         self._servos = [
             (at, servo) for at, one in enumerate(physics.servo_ids) if (servo := hardware.servos.get(one)) is not None
         ]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from typing import Any, Final
 
 import msgspec
 from msgspec import Struct
 
-from servolink.errors import ProjectError
+from servolink.errors import ProjectError, TwinError
 from servolink.project import Project, RecordRun, name_of
 from servolink.protocol import Action, Macro
 from servolink.twin.mjcf import BASE, FLOOR, part_names
@@ -21,6 +22,10 @@ LONGEST: Final = 60.0
 """Longest trial in simulated seconds; a longer run is cut off."""
 AFTERWARDS: Final = 2.0
 """Seconds after the end of a run, in which the robot can still fall."""
+SETTLING: Final = 0.5
+"""Seconds in which a body comes to rest in a pose before a run."""
+LEANING: Final = 15.0
+"""Most degrees by which a body leans that has come to rest in a pose."""
 FALLEN: Final = 45.0
 """Lean in degrees of a robot that has fallen."""
 SPACING: Final = 0.05
@@ -62,6 +67,8 @@ class Collision(Struct, frozen=True):
     parts: tuple[str, str]
     seconds: float
     """Seconds from the start of the run to the first touch."""
+    newtons: float = 0.0
+    """Largest force between them, as measured 20 times a second."""
 
 
 class TrialResult(Struct, frozen=True):
@@ -90,13 +97,33 @@ def run_seconds(project: Project, record: Action | Macro) -> float:
     return RecordRun(project, record).seconds()
 
 
-def start(physics: Physics, project: Project, record: Action | Macro, variation: Variation) -> Simulation:
-    """Return a simulation in which a record begins to run, on a body with the values of a variation."""
+def start(
+    physics: Physics,
+    project: Project,
+    record: Action | Macro,
+    variation: Variation,
+    pose: Mapping[int, float] | None = None,
+) -> Simulation:
+    """Return a simulation in which a record begins to run, on a body with the values of a variation.
+
+    It begins at rest, or in a pose (degrees by servo id) in which the body has come to rest. Raise TwinError for a pose
+    in which it does not.
+    """
     physics.vary(**msgspec.structs.asdict(variation))
     dry_run = DryRun(project.actions, project.macros, physics.servo_ids)
-    simulation = Simulation(physics, dry_run.hardware)
+    simulation = Simulation(physics, dry_run.hardware, pose)
+    if pose is not None:
+        _settle(physics)
     dry_run.begin(record)
     return simulation
+
+
+def _settle(physics: Physics) -> None:
+    watch = Watch(physics)
+    physics.advance(round(SETTLING / physics.model.opt.timestep))
+    watch.look(0.0)
+    if watch.has_fallen or watch.trial(None).worst_tilt > LEANING:
+        raise TwinError("the twin does not stand where the robot is now")
 
 
 def run_trial(
@@ -122,12 +149,13 @@ class RunningTrial:
         record: Action | Macro,
         variation: Variation = AS_WRITTEN,
         seconds: float = 0.0,
+        pose: Mapping[int, float] | None = None,
     ) -> None:
-        """Begin a run. The arguments are those of `run_trial`."""
+        """Begin a run in a pose, degrees by servo id, or at rest. The other arguments are those of `run_trial`."""
         self.physics = physics
         self._project, self._record, self._variation = project, record, variation
         self._end = min(seconds or run_seconds(project, record), LONGEST) + AFTERWARDS
-        self._simulation = start(physics, project, record, variation)
+        self._simulation = start(physics, project, record, variation, pose)
         self._watch = Watch(physics)
         self.fall: Fall | None = None
         """Fall, once the robot has fallen."""
@@ -187,7 +215,7 @@ class Watch:
         self._tilt, self._tilt_at, self._margin = 0.0, 0.0, math.inf
         self._at_rest = physics.touching()
         self._known = set(self._pairs())
-        self._touched: dict[tuple[str, str], float] = {}
+        self._touched: dict[tuple[str, str], tuple[float, float]] = {}
 
     def look(self, now: float) -> None:
         """Measure once, at the time `now`."""
@@ -197,6 +225,10 @@ class Watch:
         if new := set(self._pairs()) - self._known:
             self._note_collisions(now)
             self._known |= new
+        if self._touched:
+            forces = self._physics.forces()
+            for pair, (at, most) in self._touched.items():
+                self._touched[pair] = at, max(most, forces.get(pair, 0.0))
         self.is_at_rest = bool(np.abs(data.qvel).max() < _STILL)
         if self._physics.body.bolted:
             return
@@ -220,7 +252,7 @@ class Watch:
             worst_tilt=self._tilt,
             worst_at=self._tilt_at,
             margin_mm=None if math.isinf(self._margin) else self._margin * 1000,
-            collisions=tuple(Collision(parts, at) for parts, at in self._touched.items()),
+            collisions=tuple(Collision(parts, *found) for parts, found in self._touched.items()),
             torque=dict(zip(ids, shares.tolist(), strict=True)),
             lag=dict(zip(ids, self._np.degrees(self._lag).tolist(), strict=True)),
         )
@@ -233,7 +265,7 @@ class Watch:
     def _note_collisions(self, now: float) -> None:
         for pair in self._physics.touching() - self._at_rest:
             if FLOOR not in pair or not {*pair} & {*self._physics.body.feet}:
-                self._touched.setdefault(pair, now)
+                self._touched.setdefault(pair, (now, 0.0))
 
     def _measure_margin(self) -> float:
         """Return the margin of the centre of mass to the hull of the points of support, in all directions."""
