@@ -68,6 +68,8 @@ class Reason(StrEnum):
     """A stop came first, or ended the motion."""
     STALL = "stall"
     """The guard of a hub stopped all servos, as one was stalled."""
+    FORECAST = "forecast"
+    """On its twin, the robot falls or hits itself, or nobody can say."""
     DEADLINE = "deadline"
     """The time by which the motion was to begin has passed."""
     NOT_FOUND = "not found"

@@ -105,6 +105,7 @@ class QuestionNotice(Struct, frozen=True):
     targets: Annotated[dict[str, float], about("degrees by servo id, of a movement; else empty")] = {}
     record: Annotated[Literal["action", "macro"] | None, about("type of a stored record to run; else null")] = None
     caption: Annotated[str, about("caption of the record, or its id")] = ""
+    warning: Annotated[str, about("what a forecast says of the motion")] = ""
 
 
 class QuestionOver(Struct, frozen=True):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
+from typing import ClassVar
 
 from msgspec import Struct
 
@@ -23,6 +24,7 @@ from servolink.control import (
 )
 from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Reason, Rejected, ServolinkError
 from servolink.hub.engine.button_relay import ButtonRelay
+from servolink.hub.engine.forecast_gate import ForecastGate
 from servolink.hub.engine.hub_gates import Standstill, nothing_moved, refuse_other_use
 from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.motions import Motions
@@ -34,6 +36,7 @@ from servolink.hub.engine.unit_switch import UnitSwitch
 from servolink.hub.engine.upstream import RequestFollower, Upstream
 from servolink.hub.rules.exchanges import Exchange, MoveOrder, RunEnd
 from servolink.hub.rules.lease import SECONDS_AFTER
+from servolink.hub.rules.tried import MotionTwin, Uncertain
 from servolink.motion import AngleUnit, MotionPlan, SetPoints, StopCounter, Ticket
 from servolink.protocol import (
     Codec,
@@ -53,6 +56,9 @@ Listener = Callable[[Struct, str], None]
 
 class Hub:
     """Board shared by many programs; each program uses the board like a board of its own."""
+
+    LEASE_SECONDS: ClassVar = SECONDS_AFTER
+    """Seconds for which a program keeps the lease after its last motion, unless told otherwise."""
 
     def __init__(self, board: Board, *, name: str, lease_seconds: float = SECONDS_AFTER) -> None:
         self.board = board
@@ -81,7 +87,7 @@ class Hub:
         """Counter of stops; each stop cancels all motions requested before."""
         self.standstill = Standstill(self._stood_still)
         """Refusal of motions after a sleep of the computer, or a stop of the process."""
-        sender = PacketSender(
+        self._sender = sender = PacketSender(
             board,
             self.motions,
             self.stops,
@@ -106,6 +112,8 @@ class Hub:
         self._began_at = self._now()
         self.questions = Questions(self.tell, self.name_of)
         """Questions of programs to a person at another program."""
+        self.forecast: ForecastGate | None = None
+        """Gate that tries motions on a twin; None without one."""
         self._listeners: list[Listener] = [self.questions.hear, self._forget_courses]
         self._followers: tuple[RequestFollower, ...] = ()
         self._state: ConnectionState = "connected"
@@ -151,6 +159,14 @@ class Hub:
         await self._stopping.close()
         await self._buttons.close()
 
+    def begin_forecast(self, twin: MotionTwin, uncertain: Uncertain = "ask") -> ForecastGate:
+        """Try motions on a twin from now on, and return the gate, which must be closed after the hub."""
+        gate = ForecastGate(twin, uncertain, self.board, self.motions, self.questions)
+        self.follow_requests(gate.sent)
+        self._sender.forecast = gate.refuse
+        self.forecast = gate
+        return gate
+
     # --- programs -----------------------------------------------------------------------------------------------
 
     def join(
@@ -194,6 +210,8 @@ class Hub:
         if self.programs.get(program.session_id) is not program:
             return
         self.leases.left(program.session_id)  # which names it
+        if self.forecast is not None:
+            self.forecast.left(program.session_id)
         del self.programs[program.session_id]
         if not self.programs:
             self.standstill.end()
@@ -342,6 +360,8 @@ class Hub:
         """Take a notice: after a stop or a loss of the board, nobody knows where the servos should be."""
         if isinstance(notice, MotionsCancelled | ConnectionNow):
             self.motions.courses.forget()
+            if self.forecast is not None:
+                self.forecast.forget(records=isinstance(notice, ConnectionNow))
 
     def _deliver(self, event: ButtonEvent) -> None:
         self.motions.courses.forget()  # the board itself may run a macro for a button

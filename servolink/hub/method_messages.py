@@ -238,6 +238,7 @@ class QuestionAsk(Struct, forbid_unknown_fields=True):
     ] = {}
     record: Annotated[Literal["action", "macro"] | None, about("type of a stored record to run")] = None
     caption: Annotated[str, Meta(max_length=200, description="caption of the record, or its id")] = ""
+    warning: Annotated[str, Meta(max_length=1000, description="what a forecast says of the motion")] = ""
 
 
 class AnswerGiven(Struct, forbid_unknown_fields=True):

@@ -16,7 +16,7 @@ from servolink.hub.doors.frame_doors import pty_door, tcp_door
 from servolink.hub.doors.socket_door import socket_door
 from servolink.hub.hub import Hub, share
 from servolink.hub.methods.control_session import ControlInterface
-from servolink.hub.rules.lease import SECONDS_AFTER
+from servolink.hub.rules.tried import MotionTwin, Uncertain
 from servolink.motion import AngleUnit
 from servolink.protocol import ByteOrder, Codec
 from servolink.support import is_name
@@ -35,8 +35,10 @@ async def serve_board(
     pty: str | None = None,
     unit: AngleUnit = "degree",
     door_byte_order: ByteOrder | None = None,
-    lease_seconds: float = SECONDS_AFTER,
+    lease_seconds: float = Hub.LEASE_SECONDS,
     guard: bool = False,
+    forecast: MotionTwin | None = None,
+    uncertain: Uncertain = "ask",
     **options: Any,
 ) -> AsyncIterator[tuple[Hub, list[str]]]:
     """Share a board with the programs of this user, at `share://NAME`, until the block ends; yield hub and addresses.
@@ -51,6 +53,8 @@ async def serve_board(
         door_byte_order: Byte order of these programs; that of the board unless given.
         lease_seconds: Seconds, 0 or more, for which a program keeps the lease after its last motion.
         guard: Whether a guard stops the board for a stalled servo, if the profile of the board says nothing.
+        forecast: Twin on which motions are tried before they are sent; None for none.
+        uncertain: What happens to a motion whose outcome on the twin is uncertain: `refuse`, `ask` or `pass`.
         options: Options of `connect`, other than `reconnect` and `angle_unit`.
 
     Raises:
@@ -67,6 +71,8 @@ async def serve_board(
         claim = stack.enter_context(await HubClaim.of(chosen))
         board = await stack.enter_async_context(connect(address, reconnect=True, angle_unit=None, **options))
         hub = await stack.enter_async_context(share(board, name=chosen, lease_seconds=lease_seconds))
+        if forecast is not None:
+            stack.push_async_callback(hub.begin_forecast(forecast, uncertain).close)
         codec = Codec(door_byte_order or board.codec.byte_order, board.codec.caption_encoding)
         control = ControlInterface(hub)
         stack.push_async_callback(control.close)

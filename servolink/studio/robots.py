@@ -19,6 +19,7 @@ from servolink.hub import serve_board
 from servolink.project import ProjectFile
 from servolink.protocol import ALL_SERVOS, RECORD_TYPES, SetServoParameterRequest
 from servolink.support import Tasks
+from servolink.twin import PhysicsProcess
 
 Stop: TypeAlias = Callable[[int], Awaitable[None]]
 VIRTUAL = "virtual://?servos=16"
@@ -31,10 +32,11 @@ _STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
 class Robots:
     """Boards shared by the studio, until they are given back or the studio ends."""
 
-    def __init__(self, **options: Any) -> None:
-        """Open boards with the `options` of `connect`."""
+    def __init__(self, forecast: str | None = None, **options: Any) -> None:
+        """Open boards with the `options` of `connect`; try motions on the twin of the project file `forecast`."""
         self._options = options
         self._shared: dict[str, tuple[asyncio.Task[None], asyncio.Event, Stop]] = {}  # by the name of the hub
+        self._forecast = forecast
 
     def __contains__(self, name: str) -> bool:
         """Return whether the studio shares the board of the hub `name`."""
@@ -87,7 +89,10 @@ class Robots:
             await self.give_back(name)
 
     async def _share(self, address: str, opened: asyncio.Future[tuple[str, Stop]], end: asyncio.Event) -> None:
-        served = serve_board(address, name=_name_for(address), guard=True, **self._options)
+        forecast = None
+        if self._forecast is not None:
+            forecast = await asyncio.to_thread(PhysicsProcess.checker, self._forecast)
+        served = serve_board(address, name=_name_for(address), guard=True, forecast=forecast, **self._options)
         async with served as (hub, _):
             if address == VIRTUAL:
                 await _store_demo(hub.board)

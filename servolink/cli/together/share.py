@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 from servolink.boards import hub_of, resolve_url, running_hubs
-from servolink.cli.arguments import board_name, listening, number
+from servolink.cli.arguments import board_name, listening, not_empty, number
 from servolink.cli.command import TOGETHER, Command, flag, group, one_of, option
 from servolink.cli.command_session import (
     Interruption,
@@ -31,6 +31,7 @@ from servolink.errors import OpenError
 from servolink.hub import serve_board
 from servolink.support import ExitCode
 from servolink.transports import NetworkPlace
+from servolink.twin import PhysicsProcess
 
 _MOST_SECONDS = 3600.0
 
@@ -55,6 +56,14 @@ _MOST_SECONDS = 3600.0
             "how long after its last movement a program keeps the lease (10)",
             number(0.0, _MOST_SECONDS, "seconds"),
             default=10.0,
+        ),
+        option("--forecast", "FIGURE", "try motions on the twin of a project file first, and refuse falls", not_empty),
+        option(
+            "--uncertain",
+            "refuse|ask|pass",
+            "with --forecast: what happens to motions whose outcome is uncertain (ask)",
+            default="ask",
+            choices=("refuse", "ask", "pass"),
         ),
         flag("--guard", "stop all servos when one is stalled, unless the profile of the board says no"),
         group(
@@ -90,6 +99,8 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
         door_byte_order=args.door_byte_order,
         lease_seconds=args.lease_seconds,
         guard=args.guard,
+        forecast=None if args.forecast is None else PhysicsProcess.checker(args.forecast),
+        uncertain=args.uncertain,
         **connection_options(args),
     )
     async with AsyncExitStack() as stack:

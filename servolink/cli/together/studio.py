@@ -8,6 +8,7 @@ import re
 from contextlib import AsyncExitStack
 from ipaddress import ip_address
 
+from servolink.cli.arguments import not_empty
 from servolink.cli.command import FIRST_STEPS, Command, flag, group, option
 from servolink.cli.command_session import Interruption, connection_options, interruptible
 from servolink.cli.fleet.broker_options import ACCESS, BROKER_VARIABLE, GROUPS_FILE, fleet_of
@@ -66,6 +67,7 @@ def _host(text: str) -> str:
         flag("--demo", "use a new virtual board, whatever is plugged in"),
         option("--port", "N", "port of the page; 0: as last time (0)", _port, default=0),
         flag("--no-browser", "only print the address"),
+        option("--forecast", "FIGURE", "try motions on the twin of a project file first", not_empty),
         group(
             "for tablets and other machines",
             option("--host", "ADDRESS", "where to listen; *: everywhere (127.0.0.1)", _place, default="127.0.0.1"),
@@ -108,7 +110,9 @@ async def run(args: argparse.Namespace, interruption: Interruption) -> int:
     from servolink.studio import Links, opened_in_browser, serve_studio, studio_for
 
     async with AsyncExitStack() as stack:
-        studio = await stack.enter_async_context(studio_for(args.url, demo=args.demo, **connection_options(args)))
+        studio = await stack.enter_async_context(
+            studio_for(args.url, demo=args.demo, forecast=args.forecast, **connection_options(args))
+        )
         if args.broker is not None:
             from servolink.studio import FleetView
 

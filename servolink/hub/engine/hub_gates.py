@@ -37,6 +37,13 @@ class LeaseRefused(MotionRefused):
     """Remedy that programs read in the error of the control interface."""
 
 
+class ForecastRefused(MotionRefused):
+    """On the twin, the robot falls or hits itself with the motion, or the forecast is uncertain."""
+
+    _reason = Reason.FORECAST
+    remedy = "read the message; a person at a page of the studio can let the motion pass once"
+
+
 class MotionOver(MotionRefused):
     """The motion must not begin any more."""
 

@@ -19,7 +19,7 @@ from servolink.hub.engine.hub_gates import refused_response
 from servolink.hub.rules.courses import Courses
 from servolink.hub.rules.exchanges import Exchange, MoveOrder, RunEnd
 from servolink.motion import INTERVAL_UNIT, SetPoints, Ticket
-from servolink.project import RecordRun
+from servolink.project import Project, RecordRun
 from servolink.protocol import (
     ACTION,
     MACRO,
@@ -172,9 +172,13 @@ class Motions:
         now = asyncio.get_running_loop().time()
         self.courses.sent(packet, now, self._servos.units.of, self._servos.planner.interval_unit)
 
+    async def stored(self, kind: RecordType[Any], record_id: int) -> Project:
+        """Read a stored action or macro with all records run by it. Raise as `servolink.client.collect`."""
+        return await collect(self._get, kind, record_id)
+
     async def _end_of(self, kind: RecordType[Any], record_id: int) -> RunEnd | None:
         try:
-            stored = await collect(self._get, kind, record_id)
+            stored = await self.stored(kind, record_id)
         except ServolinkError:
             return None
         interval_unit = self._servos.planner.interval_unit

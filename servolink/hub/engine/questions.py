@@ -25,6 +25,8 @@ class _Open(NamedTuple):
     asker: str
     notice: QuestionNotice
     answer: asyncio.Future[Answer]
+    of_hub: bool
+    """Whether the hub asks about a motion of the program, so that the person at its own page may answer."""
 
 
 class Questions:
@@ -45,22 +47,24 @@ class Questions:
         for each in self._open.values():
             self._tell(each.notice, each.asker)
 
-    async def ask(self, session: str, asked: QuestionAsk) -> Answer:
+    async def ask(self, session: str, asked: QuestionAsk, *, of_hub: bool = False) -> Answer:
         """Return the answer to a question of `session`; an earlier question of the program is withdrawn.
+
+        With `of_hub`, the hub asks about a motion of the program, and the person at its own page may answer.
 
         Raises:
             MotionRefused: Nobody has answered in time, or a stop came first.
             NotFound: No other program shows questions.
         """
         self.withdraw(session)
-        if all(self._is_same(session, each) for each in self.shown_by):
+        if all(self._is_same(session, each) and not of_hub for each in self.shown_by):
             raise NotFound("nobody can be asked: no page that may move the robot is open in a studio of this board")
         self._count += 1
         number = self._count
         notice = QuestionNotice(number, self._who_of(session), **msgspec.structs.asdict(asked))
         answer: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
-        self._open[number] = _Open(session, notice, answer)
-        self._tell(notice, session)
+        self._open[number] = _Open(session, notice, answer, of_hub)
+        self._tell(notice, "" if of_hub else session)
         try:
             async with asyncio.timeout(OPEN):
                 return await answer
@@ -76,7 +80,7 @@ class Questions:
         Raise NotFound for any other, for one of its own program, and for a session that shows no questions.
         """
         found = self._open.get(number)
-        if found is None or found.answer.done() or self._is_same(found.asker, session):
+        if found is None or found.answer.done() or (self._is_same(found.asker, session) and not found.of_hub):
             raise NotFound("this question is not open any more")
         if session not in self.shown_by:
             raise NotFound("this question was not shown here: call question.show, and ask the person")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
@@ -83,6 +83,8 @@ class PacketSender:
         self._programs = programs
         self._standstill = standstill
         self._guarded: Connection | None = None
+        self.forecast: Callable[[Exchange], Awaitable[ServolinkError | None]] | None = None
+        """Gate that tries a motion on a twin, and returns the refusal; None without one."""
 
     def send_at_once(self, exchange: Exchange, done: Done) -> bool:
         """Send a query that needs no preparation, and pass the outcome to `done`. Return whether the query was sent."""
@@ -115,7 +117,8 @@ class PacketSender:
     def may_wait(self, exchange: Exchange) -> bool:
         """Return whether a packet may have to wait for more than the line: for units, or a check against limits."""
         packet = exchange.packet
-        if isinstance(packet, SetAngleUnitRequest) or (packet.is_motion and self._board.limits):
+        has_check = bool(self._board.limits) or self.forecast is not None
+        if isinstance(packet, SetAngleUnitRequest) or (packet.is_motion and has_check):
             return True
         return carries_angles(packet) and not self._units.is_set_for(packet, exchange.program.units)
 
@@ -135,6 +138,8 @@ class PacketSender:
                 return await self._buttons.set(exchange.program, packet)
             if not isinstance(packet, Query) and (refusal := await self._prepare(exchange)):
                 return await self.refused(exchange, refusal)
+            if self.forecast is not None and packet.is_motion and (falls := await self.forecast(exchange)):
+                return await self.refused(exchange, falls)
             if carries_angles(packet):
                 await self._units.enter(packet, angle_units)
                 is_inside = True

@@ -43,6 +43,8 @@ async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
         packet = ExecuteMacroRequest((await board.macro(params.id)).macro_id)
         await board.run_macro(packet.macro_id, dry_run=True)
     await control.hub.set_units(control.session, packet)  # else the first start would wait for the board
+    if control.hub.forecast is not None:
+        await control.hub.forecast.prepare(packet)
     control.take_lease()
     control.prepared = PreparedRun(packet, connection, ticket, await control.hub.motions.end_of(packet))
     return Ran(seconds)

@@ -36,6 +36,7 @@ class Courses:
         """Number of changes so far: by what was sent, and by what was forgotten."""
         self._ways: dict[int, ServoWay] = {}
         self._seen: dict[int, ServoWay] = {}  # by the latest reading, for servos without a known course
+        self._is_seen = False  # whether no course was lost since that reading
         self._run_ends = -math.inf  # time at which the latest stored run is over
         self._run: Generator[float, None, object] | None = None  # steps of the stored run, up to `_run_at`
         self._run_at = 0.0
@@ -54,8 +55,10 @@ class Courses:
                     self._turn(step.servo_id, step.degree, now, step.interval * interval_unit, unit_of(step.servo_id))
             case SetServoParameterRequest() if packet.servo_id != ALL_SERVOS:
                 self._ways.pop(packet.servo_id, None)
+                self._is_seen = False
             case ExecuteActionRequest():
                 self._ways.clear()
+                self._is_seen = False
             case _:
                 self.forget()
                 if isinstance(packet, ExecuteActionExRequest | ExecuteMacroRequest):
@@ -65,6 +68,7 @@ class Courses:
         """Forget all movements: the servos were stopped, or something else may have turned them."""
         self.changes += 1
         self._ways.clear()
+        self._is_seen = False
         self._run_ends, self._run = -math.inf, None
 
     def end(self, pose: Mapping[int, int], at: float, unit_of: Callable[[int], AngleUnit | None]) -> None:
@@ -75,6 +79,7 @@ class Courses:
 
     def seen(self, angles: Mapping[int, int], now: float) -> None:
         """Take a reading: servos without a known course begin their next movement where they are, degrees by id."""
+        self._is_seen = True
         self._seen = {servo_id: ServoWay(angle, angle, now, 0.0) for servo_id, angle in angles.items()}
 
     def play(self, run: Play, began: float, unit_of: Callable[[int], AngleUnit | None], interval_unit: float) -> None:
@@ -105,6 +110,16 @@ class Courses:
     def way(self, servo_id: int) -> ServoWay | None:
         """Return the latest movement of a servo; None without a known course."""
         return self._ways.get(servo_id)
+
+    def pose(self, now: float) -> dict[int, float]:
+        """Return where servos should be, in degrees by id: by their course, or by a fresh reading.
+
+        While a stored record runs whose steps are not followed, nobody knows.
+        """
+        if not self._is_seen or (now < self._run_ends and self._run is None):
+            return {}
+        known = {each: float(seen.target) for each, seen in self._seen.items() if now - seen.began <= _FRESH}
+        return known | {each: way.at(now) for each, way in self._ways.items() if way.began <= now}
 
     def end_of_motion(self) -> float:
         """Return the time at which all motions that the hub knows are over, infinite if that is unknown."""

@@ -3,7 +3,7 @@
 import { effect, signal } from "../html.js";
 import { hasBoard, mayMove, welcome } from "./robot.js";
 
-/** @typedef {{ number: number, who: string, seconds: number, targets: Record<string, number>, record: "action" | "macro" | null, caption: string }} Question */
+/** @typedef {{ number: number, who: string, seconds: number, targets: Record<string, number>, record: "action" | "macro" | null, caption: string, warning: string }} Question */
 
 /** Open questions, the oldest first. */
 export const questions = signal(/** @type {Question[]} */ ([]));
