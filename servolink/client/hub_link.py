@@ -170,9 +170,11 @@ class HubLink:
                 self._channel.tell("lease.give")
 
     async def _take_lease_for(self, packet: Packet, ticket: Ticket) -> None:
-        """Take the lease before a motion. Raise MotionRefused with the name of another holder."""
+        """Take the lease before a motion, and try it. Raise MotionRefused that names another holder, or a fall."""
         if not self._has_lease and packet.is_motion:
             await self.take_lease()
+        if self._welcome.has_forecast and packet.is_motion:  # a frame that is refused would only be logged
+            await self._channel.call("motion.check", frame=self._connection.codec.encode(packet).hex())
 
     def _refuse_role(self, packet: Packet, ticket: Ticket) -> RequestRefused | None:
         """Refuse packets for higher roles: the hub would not send them, and could not always report the refusal."""

@@ -73,6 +73,8 @@ class Welcome(Struct, kw_only=True):
     """Seconds after which the hub gives a request up."""
     has_control: bool = False
     """Whether the hub answers JSON-RPC too."""
+    has_forecast: bool = False
+    """Whether motions are tried on a twin, so that `motion.check` tells before a motion why it would be refused."""
     profile: Raw = Raw(b"null")
     """The profile of the board, in JSON; null if there is none."""
     lease: Raw = Raw(b"null")

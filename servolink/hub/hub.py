@@ -22,7 +22,15 @@ from servolink.control import (
     RefusedNotice,
     Role,
 )
-from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Reason, Rejected, ServolinkError
+from servolink.errors import (
+    ConnectionLost,
+    DecodeError,
+    MotionRefused,
+    OutcomeUnknown,
+    Reason,
+    Rejected,
+    ServolinkError,
+)
 from servolink.hub.engine.button_relay import ButtonRelay
 from servolink.hub.engine.forecast_gate import ForecastGate
 from servolink.hub.engine.hub_gates import Standstill, nothing_moved, refuse_other_use
@@ -44,6 +52,7 @@ from servolink.protocol import (
     ExecuteActionRequest,
     ExecuteMacroRequest,
     ExecuteMacroResponse,
+    FrameParser,
     Packet,
     SetServoParameterResponse,
     Step,
@@ -275,6 +284,21 @@ class Hub:
         packet = ExecuteActionRequest(tuple(Step(servo_id, 0, 1) for servo_id in order.movement.targets))
         program = self._program(session_id)
         return Exchange(program, packet, ticket, asked_at=self._now(), order=order, may_wait=False)
+
+    async def check_motion(self, session_id: str, frame: bytes) -> None:
+        """Try the motion in a frame of a program on the twin, if there is one.
+
+        Raise MotionRefused if it would be refused there, and ValueError if the frame is not one packet.
+        """
+        program, found = self._program(session_id), list[Packet]()
+        with suppress(DecodeError):
+            found += (program.codec.decode(*each) for each in FrameParser(program.codec.byte_order).feed(frame))
+        if len(found) != 1:
+            raise ValueError("frame must be one whole frame with a packet")
+        if self.forecast is not None and found[0].is_motion:
+            exchange = Exchange(program, found[0], self.stops.ticket(who=session_id))
+            if refusal := await self.forecast.refuse(exchange, is_sent=False):
+                raise refusal
 
     async def set_units(self, session_id: str, packet: Packet) -> None:
         """Set the angle units of a program for `packet` in advance. Raise as `UnitSwitch.enter`."""

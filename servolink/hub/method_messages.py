@@ -288,6 +288,12 @@ class RunPrepare(Runnable, forbid_unknown_fields=True):
     until: Until = None
 
 
+class MotionCheck(Struct, forbid_unknown_fields=True):
+    """Motion to try on the twin of the hub."""
+
+    frame: Annotated[str, Meta(max_length=8192, pattern="^([0-9a-f]{2})+$", description="frame of the motion, in hex")]
+
+
 class RunStart(Struct, forbid_unknown_fields=True):
     """Time at which a prepared run begins."""
 

@@ -5,17 +5,22 @@ Modules: servolink.hub.engine.forecast_gate, servolink.hub.rules.tried.
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import AsyncGenerator, AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 
 import pytest
 
+from servolink.client import connect
+from servolink.errors import MotionRefused, Reason
+from servolink.hub.engine import forecast_gate
 from servolink.hub.rules.tried import HubVerdict, TwinVerdict, Uncertain
 from servolink.project import Project
 from servolink.protocol import Action, Macro, MacroCommand, Step
 from servolink.twin import check_move, check_record
 from tests.hub.control_program import RpcFailed, RpcProgram, Shared, shared
+from tests.hub.door_hub import sharing
 from tests.twin.figures import template
 from tests.virtual_time import run
 
@@ -203,3 +208,31 @@ def test_a_prepared_run_is_tried_before_its_moment() -> None:
             assert twin.records == 1
 
     run(main())
+
+
+def test_a_client_of_the_hub_gets_the_refusal_of_a_frame_as_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(forecast_gate, "LONGEST", 60.0)  # in real time, and physics in the event loop
+
+    async def main() -> None:
+        async with (
+            forecast() as (here, _, _, page),
+            sharing(here.hub, here.interface.open_channel) as url,
+            connect(url) as board,
+        ):
+            await page.call("question.show")
+            with pytest.raises(MotionRefused, match="on the twin: the robot falls") as refused:
+                await board.move({FALLS: 60}, duration=1.0)
+            assert refused.value.reason is Reason.FORECAST
+            asked = await page.until("question")
+            await page.call("question.answer", number=asked["number"], is_yes=True)
+            await page.until("question.over")
+            await board.move({FALLS: 60}, duration=1.0)
+            await board.stop()
+
+    asyncio.run(main())
+
+
+async def test_what_is_checked_must_be_one_frame() -> None:
+    async with shared() as here, here.program() as program:
+        with pytest.raises(RpcFailed, match="one whole frame"):
+            await program.call("motion.check", frame="ffff")

@@ -136,6 +136,7 @@ class ShareConnection(AcceptedConnection):
             role=greeting.role,
             patience=board.connection.patience,
             has_control=self._open_channel is not None,
+            has_forecast=self._hub.forecast is not None,
             profile=Raw(msgspec.json.encode(profile)),
             lease=Raw(msgspec.json.encode(self._hub.lease)),
             hold=Raw(msgspec.json.encode(self._hub.status().hold)),

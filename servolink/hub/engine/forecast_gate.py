@@ -66,8 +66,11 @@ class ForecastGate:
         await self._tasks.close()
         await self._twin.close()
 
-    async def refuse(self, exchange: Exchange) -> ForecastRefused | None:
-        """Return the refusal of a motion, None if it may be sent. Stop, start and release of servos always may."""
+    async def refuse(self, exchange: Exchange, *, is_sent: bool = True) -> ForecastRefused | None:
+        """Return the refusal of a motion, None if it may be sent. Stop, start and release of servos always may.
+
+        Unless `is_sent`, the motion is sent later, and a person's yes still holds for it.
+        """
         if isinstance(exchange.packet, SetServoParameterRequest):
             return None
         try:
@@ -81,7 +84,7 @@ class ForecastGate:
         is_uncertain = found.verdict == "uncertain"
         if found.verdict == "stands" or (is_uncertain and self._uncertain == "pass"):
             return None
-        if self._tried.take_permit(session, motion, self._now()):
+        if self._tried.is_permitted(session, motion, self._now(), is_sent=is_sent):
             return None
         text = f"nothing was moved: {'the forecast is uncertain' if is_uncertain else 'on the twin'}: {found.text}"
         if self._uncertain == "ask" and exchange.points is None and self._questions.shown_by:

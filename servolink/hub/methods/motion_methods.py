@@ -9,10 +9,10 @@ from functools import reduce
 from msgspec.structs import replace
 
 from servolink.client import ServoStream, point_check, servos_of, with_ticket
-from servolink.control import Ran, Role, RunStarted, StreamBegun, StreamSent, Touches
+from servolink.control import Done, Ran, Role, RunStarted, StreamBegun, StreamSent, Touches
 from servolink.errors import MotionRefused, Reason, RequestRefused
 from servolink.hub.engine.hub_gates import refuse_other_use
-from servolink.hub.method_messages import RunPrepare, RunStart, StreamBegin, StreamSend
+from servolink.hub.method_messages import MotionCheck, RunPrepare, RunStart, StreamBegin, StreamSend
 from servolink.hub.methods.context import PreparedRun
 from servolink.hub.methods.methods import METHODS, Caller
 from servolink.motion import MotionLimits, MotionPlanner, SetPoints
@@ -88,6 +88,13 @@ async def run_start(caller: Caller, params: RunStart) -> RunStarted:
     else:
         await board.run_action(packet.action_id)
     return RunStarted(clock())
+
+
+@METHODS.add("motion.check", Role.MOVE, touches=Touches.SESSION, in_order=True)
+async def motion_check(caller: Caller, params: MotionCheck) -> Done:
+    """Try a motion on the twin of the hub, if it has one; nothing moves. MotionRefused as for the motion itself."""
+    await caller.control.hub.check_motion(caller.control.session, bytes.fromhex(params.frame))
+    return Done()
 
 
 async def _until(at: float) -> None:

@@ -100,12 +100,13 @@ class TriedMotions:
         """Let a motion of a program pass once, if it comes soon."""
         self._permits[session] = motion, now + PERMITTED
 
-    def take_permit(self, session: str, motion: Hashable, now: float) -> bool:
-        """Return whether a person has let this motion pass, which holds for once."""
+    def is_permitted(self, session: str, motion: Hashable, now: float, *, is_sent: bool) -> bool:
+        """Return whether a person has let this motion pass, which holds until it is sent once."""
         permitted, until = self._permits.get(session, (None, 0.0))
         if permitted != motion or now > until:
             return False
-        del self._permits[session]
+        if is_sent:
+            del self._permits[session]
         return True
 
     def left(self, session: str) -> None:
