@@ -20,8 +20,8 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 76_879,
-    "files": 461,
+    "lines": 77_637,
+    "files": 464,
     "names that cross rooms": 607,
     "own imports of a file, median": 5,
     "own imports of a file, 90 %": 12,
