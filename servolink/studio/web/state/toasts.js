@@ -20,7 +20,7 @@ let lastId = 0;
  */
 export function toast(message) {
   const id = ++lastId;
-  const others = toasts.value.filter(({ name }) => name === undefined || name !== message.name);
+  const others = toasts.peek().filter(({ name }) => name === undefined || name !== message.name);
   toasts.value = [...others, { ...message, id }].slice(-MOST);
   setTimeout(() => (toasts.value = toasts.value.filter((each) => each.id !== id)), message.lasts ?? LASTS);
 }
