@@ -6,6 +6,7 @@ import { StopButton, StopTools } from "../parts/stop-button.js";
 import { shownScreen } from "../state/fleet.js";
 import { hasBoard, hasFleet, welcome } from "../state/robot.js";
 import { toasts } from "../state/toasts.js";
+import { step } from "../state/tour.js";
 import { showsKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
 import { Unwritten } from "./edits.js";
@@ -15,6 +16,7 @@ import { Notices } from "./notices.js";
 import { Questions } from "./questions.js";
 import { Dock, Rail } from "./rail.js";
 import { useScreen } from "./screens.js";
+import { Tour } from "./tour.js";
 
 /** @typedef {import("../state/motion.js").Motion} Motion */
 /** @typedef {import("../link/link.js").Link} Link */
@@ -34,7 +36,7 @@ export function App(tools) {
       <div class="notes">
         <${Questions} ...${tools} />
         <${Notices} ...${tools} />
-        <${Unwritten} />
+        <div class="row"><${Tour} />${step.value === null && html`<${Unwritten} />`}</div>
       </div>
       <${Toasts} />
     </aside>
