@@ -4,7 +4,7 @@ import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
 import { drawLighter } from "../parts/stage.js";
-import { isMine, isOthers, lease, linkState, mayMove } from "../state/robot.js";
+import { isLive, isMine, isOthers, lease, linkState, mayMove } from "../state/robot.js";
 import { toast } from "../state/toasts.js";
 import { said } from "../texts/said.js";
 import { t } from "../texts/text.js";
@@ -55,7 +55,7 @@ export function sayLease({ event, by }, wasMine, motion) {
   if (!wasMine) return;
   const who = safeText(said(by ?? ""));
   if (event === "taken over") toast({ kind: "bad", icon: "lock", title: t("lease.taken_over", { who }) });
-  if (event === "beats stopped") {
+  if (event === "beats stopped" && isLive.value) {
     const detail = t(drawLighter() ? "lease.drawn_lighter" : "lease.make_room");
     toast({ kind: "bad", title: t("lease.beats_stopped"), detail, lasts: REMEDY_LASTS });
   }

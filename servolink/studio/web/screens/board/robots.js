@@ -159,7 +159,7 @@ function Address({ actions }) {
   const [address, setAddress] = useState("");
   const connect = (/** @type {Event} */ event) => {
     event.preventDefault();
-    if (address.trim()) actions.use(address.trim());
+    if (address.trim()) actions.use(withScheme(address.trim()));
   };
   return html`<form class="row" onSubmit=${connect}>
       <label class="field grow"><span>${t("robots.address")}</span>
@@ -168,6 +168,9 @@ function Address({ actions }) {
       <button class="btn end" disabled=${actions.busy !== "" || address.trim() === ""}>${t("robots.connect")}</button>
     </form>`;
 }
+
+/** Return an address with its scheme, where only host and port are given. @param {string} address */
+const withScheme = (address) => (/^[\w.-]+:\d+$/.test(address) ? `tcp://${address}` : address);
 
 /** @param {string} url */
 function iconOf(url) {
