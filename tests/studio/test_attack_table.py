@@ -32,7 +32,8 @@ ROLES: dict[RoleName, str] = {
         studio.twin.reach studio.twin.stop studio.twin.try studio.twin.verdicts tap.start tap.stop
     """,
     "run": """
-        lease.take recorder.mark recorder.start recorder.stop run run.prepare run.start studio.recording.read
+        lease.take motion.check recorder.mark recorder.start recorder.stop run run.prepare run.start
+        studio.recording.read
     """,
     "move": """
         move move.end question.answer question.ask question.show question.withdraw release servo.set stream.begin
@@ -49,8 +50,8 @@ ROLES: dict[RoleName, str] = {
 TOUCHES = {
     "session": """
         board.hold board.release buttons.subscribe buttons.unsubscribe lease.ask lease.beat lease.give lease.take
-        limits.tighten question.answer question.ask question.show question.withdraw rename servos.ack servos.unwatch
-        servos.watch studio.rename tap.start tap.stop
+        limits.tighten motion.check question.answer question.ask question.show question.withdraw rename servos.ack
+        servos.unwatch servos.watch studio.rename tap.start tap.stop
     """,
     "session, motion": "move.end run.prepare run.start stream.begin stream.send",
     "motion": "move release run servo.set",

@@ -90,7 +90,7 @@ async def run_start(caller: Caller, params: RunStart) -> RunStarted:
     return RunStarted(clock())
 
 
-@METHODS.add("motion.check", Role.MOVE, touches=Touches.SESSION, in_order=True)
+@METHODS.add("motion.check", Role.RUN, touches=Touches.SESSION, in_order=True)
 async def motion_check(caller: Caller, params: MotionCheck) -> Done:
     """Try a motion on the twin of the hub, if it has one; nothing moves. MotionRefused as for the motion itself."""
     await caller.control.hub.check_motion(caller.control.session, bytes.fromhex(params.frame))

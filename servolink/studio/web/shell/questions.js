@@ -21,7 +21,7 @@ export function Questions({ link, motion }) {
   };
   return html`${questions.value.map((question) => {
     const title = t("ask.title", { who: safeText(said(question.who)) });
-    return html`<div class="veil asks" key=${question.number}><${Note} kind="warn" urgent title=${title} detail=${[said(safeText(question.warning)), asked(question)].join(" ").trim()}>
+    return html`<div class="veil asks" key=${question.number}><${Note} kind="warn" urgent title=${title} detail=${[said(safeText(question.warning ?? "")), asked(question)].join(" ").trim()}>
       <button class="btn" onClick=${() => answer(question, true)}>${t("ask.allow")}</button>
       <button class="btn" onClick=${() => answer(question, false)}>${t("ask.refuse")}</button>
     </${Note}></div>`;
