@@ -34,7 +34,8 @@ LONGEST = 2.0
 """Seconds until a verdict: a program gives a request up after 3. The trial goes on, and its verdict is kept."""
 
 _USUAL = 1.0  # seconds of a movement to which neither duration nor speed was given, and to a set-point
-_STANDS = HubVerdict("stands", "")
+_ASKED = "; a page of the studio asks a person: send it again after the yes"
+_UNASKED = "; a person can let it pass once, on a page of the studio"
 
 
 class ForecastGate:
@@ -82,14 +83,13 @@ class ForecastGate:
             found = HubVerdict("uncertain", str(error))
         session, motion = exchange.program.session_id, _motion(exchange)
         is_uncertain = found.verdict == "uncertain"
-        if found.verdict == "stands" or (is_uncertain and self._uncertain == "pass"):
-            return None
-        if self._tried.is_permitted(session, motion, self._now(), is_sent=is_sent):
+        may_pass = found.verdict == "stands" or (is_uncertain and self._uncertain == "pass")
+        if may_pass or self._tried.is_permitted(session, motion, self._now(), is_sent=is_sent):
             return None
         text = f"nothing was moved: {'the forecast is uncertain' if is_uncertain else 'on the twin'}: {found.text}"
-        if self._uncertain == "ask" and exchange.points is None and self._questions.shown_by:
+        if self._uncertain == "ask" and exchange.points is None:
             self._tasks.begin(self._ask(session, motion, exchange, found.text))
-            text += "; a page of the studio asks a person: send it again after the yes"
+            text += _ASKED if self._questions.shown_by else _UNASKED
         return ForecastRefused(text)
 
     async def prepare(self, packet: ExecuteActionExRequest | ExecuteMacroRequest) -> None:
@@ -132,7 +132,7 @@ class ForecastGate:
         targets = {each: float(angle) for each, angle in angles.items()}
         session, points = exchange.program.session_id, exchange.points
         if points is not None and self._tried.has_streamed(session, points, targets):
-            return _STANDS
+            return HubVerdict("stands", "")
         pose = await self._pose()
         seconds = _USUAL if points is not None else _seconds(exchange, pose, self._servos.planner.interval_unit)
         checked = await self._twin.check_move(pose, targets, seconds)
