@@ -90,6 +90,8 @@ def check_messages(studio: Studio, browser: Any, size: str, language: str) -> No
         page.emulate_media(reduced_motion="reduce")
         for screen in SCREENS:
             show(page, screen, by_address=True)
+            if screen == "Board":
+                page.locator(".conn form").first.wait_for()  # below the list of boards, once they are found
             page.wait_for_timeout(300)  # for what the screen asks of the studio
             assert page.evaluate(_REMEMBER) > 5
             page.locator(".stop:visible").click()
