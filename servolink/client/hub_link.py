@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import AsyncIterator, Callable, Mapping
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import Any
 
 import msgspec
@@ -31,6 +31,7 @@ from servolink.control import (
     Tighten,
     Welcome,
     open_channel,
+    stop_heard,
 )
 from servolink.errors import ConnectionLost, MotionRefused, OpenError, Reason, RequestRefused, ServolinkError, escape
 from servolink.motion import STOPPED, MotionLimits, Ticket
@@ -64,7 +65,8 @@ class HubLink:
         rpc = Greeting(
             wants="rpc", who=greeting.who, role=greeting.role, session=self._welcome.session, dead_man=dead_man
         )
-        self._channel, _ = await open_channel(self._welcome.name, rpc)
+        self._channel, welcome = await open_channel(self._welcome.name, rpc)
+        self._acknowledge(welcome.stops)
         early: list[tuple[str, Raw]] = []  # perhaps newer than the state, and read before
         self._channel.on_notification = lambda *notification: early.append(notification)
         self._channel.on_end = self._end
@@ -219,11 +221,18 @@ class HubLink:
                 cause = Reason.STOP if stopped.stalled is None else Reason.STALL
                 # It ends waiting motions and playing, as a stop of this program.
                 self._connection.stops.stop(escape(stopped.reason) or STOPPED, cause)
+                self._acknowledge(stopped.number)
             elif method == "refused":
                 refused = msgspec.json.decode(params, type=RefusedNotice)
                 _logger.warning("%s was not sent to the board: %s", escape(refused.packet), escape(refused.reason))
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             _logger.warning("a notification of the hub cannot be read: %s", escape(str(error)))
+
+    def _acknowledge(self, stop: int | None) -> None:
+        """Acknowledge a stop among the frames: those before it move nothing any more. None from an earlier hub."""
+        if stop is not None:
+            with suppress(ConnectionLost):  # which the connection reports itself
+                self._connection.send_aside(stop_heard(stop))
 
     def _learn_lease(self, lease: LeaseStatus | None) -> None:
         had_lease = self._has_lease

@@ -202,6 +202,10 @@ class Connection(BaseConnection):
             self._leave(call)
         return True
 
+    def send_aside(self, packet: Command) -> None:
+        """Write a packet for a hub behind all that was written so far, at once. Raise ConnectionLost."""
+        self._writer.take_aside(self.codec.encode(packet))
+
     def send_stop(self, packet: SetServoParameterRequest) -> Coroutine[Any, Any, bool]:
         """Return a coroutine to send `packet` ahead of everything else, without waiting for the response."""
         sending = self._send_stop(packet)

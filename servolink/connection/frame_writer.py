@@ -76,6 +76,11 @@ class FrameWriter:
             self._answers.lost(error)
             raise
 
+    def take_aside(self, frame: bytes) -> None:
+        """Pass a whole frame to the transport as `take` does; a permit is held until the system has accepted it."""
+        if (sending := self.take(frame)) is not None:
+            self._drain.hold(sending)
+
     def _join(self) -> None:
         """Join the frames of the callers that were just woken. They run in the next turn, before `_send_joined`."""
         if self._joined is None:

@@ -13,7 +13,7 @@ from msgspec import UNSET, Raw, Struct, UnsetType
 
 from servolink.control.error_codes import ErrorObject
 from servolink.control.greeting import Greeting, Welcome
-from servolink.control.notifications import ProgressNotice
+from servolink.control.notifications import ProgressNotice, StoppedNotice
 from servolink.control.peer import decode, encode
 from servolink.control.share_address import greet
 from servolink.errors import (
@@ -104,6 +104,8 @@ class RpcChannel(asyncio.Protocol):
         """Connect to the hub. Raise OpenError with the remedy."""
         self._pipe, welcome = await greet(self._name, greeting, self)
         self._pipe.resume_reading()
+        if welcome.stops is not None and greeting.role != "watch":
+            self.tell("stop.heard", number=welcome.stops)
         return welcome
 
     async def call(self, method: str, *, timeout: float | None = None, **params: Any) -> Raw:
@@ -211,6 +213,10 @@ class RpcChannel(asyncio.Protocol):
                     on_progress(params)
         if self.on_notification is not None:
             self.on_notification(method, params)
+        if method == "stopped":
+            with suppress(msgspec.MsgspecError):
+                if (number := msgspec.json.decode(params, type=StoppedNotice).number) is not None:
+                    self.tell("stop.heard", number=number)
 
 
 async def open_channel(name: str, greeting: Greeting) -> tuple[RpcChannel, Welcome]:

@@ -56,6 +56,7 @@ class StoppedNotice(Struct, frozen=True):
     by: Annotated[str | None, about("the program; null: the hub")]
     reason: Annotated[str, about("for people; empty from an earlier hub")] = ""
     stalled: Annotated[int | None, about("servo that the guard found stalled; null for any other reason")] = None
+    number: Annotated[int | None, about("for `stop.heard`; null from an earlier hub")] = None
 
 
 class ProgramNotice(Struct, frozen=True):

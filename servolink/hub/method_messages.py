@@ -46,6 +46,12 @@ class LeaseTake(Struct, forbid_unknown_fields=True):
     ] = None
 
 
+class StopHeard(Struct, forbid_unknown_fields=True):
+    """Stop that the program has heard of."""
+
+    number: Annotated[Annotated[int, Meta(ge=0)], about("number of the notification, or `stops` of the welcome")]
+
+
 class ExclusiveUse(Struct, forbid_unknown_fields=True):
     """Reason for exclusive use of the board."""
 

@@ -37,6 +37,10 @@ class Ticket(Struct, frozen=True):
         """Return the ticket for the rest of a motion that has begun: only a stop ends the motion."""
         return replace(self, until=math.inf)
 
+    def expired(self) -> Ticket:
+        """Return the ticket of a motion that was requested before a stop, and arrives after it."""
+        return replace(self, epoch=NO_TICKET.epoch)
+
     def checked(self, units_sent: int) -> Ticket:
         """Return the ticket of a motion whose angles were checked when so many angle units had been sent."""
         return replace(self, units_sent=units_sent)

@@ -146,6 +146,7 @@ class Studio:
             profile,
             is_link=is_link,
             has_fleet=self.fleet is not None,
+            stops=welcome.stops,
         )
 
 
@@ -170,6 +171,8 @@ class Welcomed(Struct, frozen=True):
     """Whether the page was opened through a link, so that it changes nothing of this computer, and no other board."""
     has_fleet: bool
     """Whether the studio sees a fleet."""
+    stops: int | None
+    """Number of stops so far, for `stop.heard`; null without a board, and from an earlier hub."""
 
 
 class About(Struct, frozen=True):

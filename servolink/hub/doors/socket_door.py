@@ -140,6 +140,7 @@ class ShareConnection(AcceptedConnection):
             profile=Raw(msgspec.json.encode(profile)),
             lease=Raw(msgspec.json.encode(self._hub.lease)),
             hold=Raw(msgspec.json.encode(self._hub.status().hold)),
+            stops=self._hub.stops.count,
         )
 
     def _refuse(self, why: str) -> None:

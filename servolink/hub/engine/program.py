@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import Protocol
 
 from servolink.client import ButtonEvent
-from servolink.control import ProgramStatus, Role
+from servolink.control import ProgramStatus, Role, number_heard
 from servolink.errors import DecodeError, escape
-from servolink.hub.rules.exchanges import Exchange, ProgramCounters, ProgramQueue
+from servolink.hub.rules.exchanges import Exchange, HeardStops, ProgramCounters, ProgramQueue
 from servolink.motion import NO_TICKET, AngleUnit, ServoUnits, StopCounter
 from servolink.protocol import (
     Codec,
@@ -90,6 +90,8 @@ class Program(ABC):
         self.counters = ProgramCounters()
         self.queue = ProgramQueue()
         """Unsent requests of the program."""
+        self.stops_heard = HeardStops()
+        """Stops that the program has acknowledged among its frames."""
         self.has_left = False
         self.on_end: Callable[[], None] | None = None
         """Called when the hub ends the session."""
@@ -225,8 +227,13 @@ class FrameProgram(Program):
         if packet is None:
             self.counters.ignored += 1
             return
+        if (number := number_heard(packet)) is not None:
+            self.stops_heard.heard = number
+            return
         size = REQUEST_BYTES + len(content)
         ticket = NO_TICKET if packet.is_query else self._hub.stops.ticket(who=self.session_id)
+        if self.stops_heard.is_behind:
+            ticket = ticket.expired()
         exchange = Exchange(self, packet, ticket, asked_at=self._received_at, is_silent=self.mode != 1, size=size)
         self._open.append(exchange)
         self._held += size

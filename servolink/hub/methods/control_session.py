@@ -97,6 +97,7 @@ class ControlSession:
         role = Role.parse(greeting.role)
         self._peer: Peer[Caller] = Peer(METHODS, self._caller, send, abort, role=role, reading=reading)
         self._end_listening: Callable[[], None] | None = None
+        self._stopped: StoppedNotice | None = None
         self._told_dropped = 0
 
     def receive(self, message: bytes | str) -> None:
@@ -118,6 +119,8 @@ class ControlSession:
         if self._peer.dropped > self._told_dropped:
             count, self._told_dropped = self._peer.dropped - self._told_dropped, self._peer.dropped
             self._notify(ProblemNotice(f"this program reads too slowly: {count} notifications were dropped"))
+            if self._stopped is not None:  # perhaps among them: without it, the program would move nothing any more
+                self._notify(self._stopped)
 
     async def close(self) -> None:
         """Leave the hub; an import under way is interrupted."""
@@ -132,7 +135,7 @@ class ControlSession:
 
     def _caller(self) -> Caller:
         """Return the context of a request received now: a later stop ends the motion of the request."""
-        return Caller(self.control, self._servos, self._buttons, self._tap, self._recorder, self.control.stops.ticket())
+        return Caller(self.control, self._servos, self._buttons, self._tap, self._recorder, self.control.ticket())
 
     def _notify(self, notification: Struct) -> None:
         self._peer.tell(notification)
@@ -144,7 +147,7 @@ class ControlSession:
         match notice:
             case MotionsCancelled(are_all, reason, stalled):
                 if are_all and not is_own:
-                    self._notify(StoppedNotice(self._hub.name_of(session) if session else None, reason, stalled))
+                    self._tell_stop(session, reason, stalled)
             case ProgramNotice() if not self.control.wants_programs:
                 pass
             case RefusedNotice() if not is_own:
@@ -153,3 +156,10 @@ class ControlSession:
                 pass
             case _:
                 self._notify(notice)
+
+    def _tell_stop(self, session: str, reason: str, stalled: int | None) -> None:
+        """Notify of a stop by another program; what arrives before the program has acknowledged it moves nothing."""
+        number = self.control.tell_stop()
+        by = self._hub.name_of(session) if session else None
+        self._stopped = StoppedNotice(by, reason, stalled, number)
+        self._notify(self._stopped)

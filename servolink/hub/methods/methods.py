@@ -45,6 +45,7 @@ from servolink.hub.method_messages import (
     ServoSet,
     ServosList,
     ServosWatch,
+    StopHeard,
     Watching,
 )
 from servolink.hub.methods.context import Control
@@ -137,6 +138,17 @@ def lease_give(caller: Caller, params: NoParams) -> LeaseNow:
 def lease_beat(caller: Caller, params: NoParams) -> Done:
     """Confirm that the program still watches over the motion, after taking the lease with `dead_man`."""
     caller.control.hub.leases.beat(caller.control.session)
+    return Done()
+
+
+@METHODS.add("stop.heard", Role.WATCH, touches=Touches.SESSION)
+def stop_heard(caller: Caller, params: StopHeard) -> Done:
+    """Acknowledge the notification `stopped`, so that the hub carries out again what this program sends from now on.
+
+    A program that calls this once, with `stops` of the welcome, is one that acknowledges stops: what it sent before it
+    heard of a stop moves nothing.
+    """
+    caller.control.stops_heard.heard = params.number
     return Done()
 
 

@@ -32,7 +32,7 @@ async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
     """
     control = caller.control
     control.prepared, seconds = None, None
-    ticket = control.hub.stops.ticket(who=control.session)
+    ticket = control.ticket_of_hub(caller.ticket)
     board = await caller.board_to_move(params.until)
     connection = control.hub.board.connection
     packet: ExecuteActionExRequest | ExecuteMacroRequest
@@ -73,7 +73,7 @@ async def run_start(caller: Caller, params: RunStart) -> RunStarted:
         raise MotionRefused("nothing was moved: nothing is prepared; call run.prepare first")
     if prepared.connection is not control.hub.board.connection:
         raise MotionRefused("nothing was moved: the board was connected again since this was prepared")
-    if not control.hub.stops.holds(prepared.ticket):
+    if not (control.stops.holds(caller.ticket) and control.hub.stops.holds(prepared.ticket)):
         raise MotionRefused("nothing was moved: the board was stopped since this was prepared", reason=Reason.STOP)
     if refusal := refuse_other_use(control.hub.exclusive_use, control.session):
         raise refusal
@@ -119,7 +119,7 @@ def stream_begin(caller: Caller, params: StreamBegin) -> StreamBegun:
     limits = reduce(MotionLimits.tightened, (limit.limits() for limit in params.limits), control.limits)
     planner = MotionPlanner(limits, servos_of(board).planner.interval_unit)
     points = SetPoints(limits, params.hz, planner.interval_unit, any_angle=params.any_angle)
-    ticket = control.hub.stops.ticket(who=control.session)
+    ticket = control.ticket_of_hub(caller.ticket)
 
     async def send_points(angles: Mapping[int, float], until: float) -> Mapping[int, int]:
         return await control.hub.stream(control.session, angles, points, replace(ticket, until=until))

@@ -34,6 +34,23 @@ class ProgramCounters(Struct):
     """Intact frames that no board would answer: of a board, undecodable, or in mode 0."""
 
 
+class HeardStops:
+    """Stops of all servos that a program was told of, and those that it has acknowledged on one of its connections.
+
+    What a program sent before it heard of the stop of another one arrives after that stop, and is still of before it.
+    """
+
+    told = 0
+    """Number of the latest stop that the program was told of."""
+    heard: int | None = None
+    """Number of the latest stop that the program has acknowledged; None for a program that acknowledges none."""
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether what arrives now may be of before a stop."""
+        return self.heard is not None and self.heard < self.told
+
+
 class Asker(Protocol):
     """Program that sends requests, as seen by the senders of responses."""
 

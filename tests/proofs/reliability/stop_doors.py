@@ -32,6 +32,8 @@ from tests.proofs.reliability.stop_movements import BY_FLEET, BY_LIBRARY, BY_MOD
 _HUB = "share://robot"
 REAL = {"shell", "fleet"}
 """Doors that need real time."""
+UNHEARD = {"model", *REAL}
+"""Doors whose users hear of no stops: what they ask for may be on its way through several programs."""
 _SPEED_CAP = 720.0  # degrees per second, of what models move
 
 
@@ -77,8 +79,9 @@ async def page(_: str, **__: Any) -> AsyncIterator[Door]:
         http.ws_connect(f"{gate.address}/ws", origin=gate.address) as socket,
     ):
         await socket.send_json({"token": gate.new_token("edit"), "who": "page"})
-        await socket.receive_str()
+        welcome = json.loads(await socket.receive_str())
         opened_page = _Page(socket)
+        await opened_page.tell("stop.heard", number=welcome["stops"])
         listening = asyncio.create_task(opened_page.listen())
         try:
             yield _rpc_door(opened_page.call)
@@ -102,10 +105,16 @@ class _Page:
         await self._socket.send_json({"jsonrpc": "2.0", "id": number, "method": method, "params": params})
         return await answer
 
+    async def tell(self, method: str, /, **params: Any) -> None:
+        """Call a method without waiting for it."""
+        await self._socket.send_json({"jsonrpc": "2.0", "method": method, "params": params})
+
     async def listen(self) -> None:
-        """Take the answers."""
+        """Take the answers, and acknowledge stops."""
         async for message in self._socket:
             told = json.loads(message.data)
+            if told.get("method") == "stopped":
+                await self.tell("stop.heard", number=told["params"]["number"])
             answer = self._answers.pop(told.get("id"), None)
             if answer is None or answer.done():
                 continue

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from servolink.errors import ServolinkError
 from servolink.protocol import Packet
 from servolink.testing import VirtualTimeLoop
-from tests.proofs.reliability.stop_doors import REAL, opened
+from tests.proofs.reliability.stop_doors import REAL, UNHEARD, opened
 from tests.proofs.reliability.stop_line import CONFIRMED, FATES, Points, Robot, line_to
 from tests.proofs.reliability.stop_movements import FROM_REST, OPTIONS
 
@@ -52,8 +52,9 @@ class Scene(NamedTuple):
 
     @property
     def seconds_on_the_way(self) -> float:
-        """Seconds in which the hub may read what one program sent before it heard of the stop of another."""
-        return 0.0 if self.mover == self.stopper and not self.is_real else _ON_THE_WAY
+        """Seconds in which the hub may get what was asked for before a stop by another, by doors that hear of none."""
+        is_one_program = self.mover == self.stopper and not self.is_real
+        return _ON_THE_WAY if self.mover in UNHEARD and not is_one_program else 0.0
 
     def __str__(self) -> str:
         """Return it as faults name it."""

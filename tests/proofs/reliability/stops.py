@@ -101,7 +101,7 @@ def run(*, short: bool) -> Result:
             "nothing asked for before a stop was sent after it, and no servo turned once it was confirmed"
             if not faults
             else f"{len(faults)} faults",
-            "what one program sends within 20 ms after the stop of another counts as asked for after it",
+            "a command, a model or a fleet hears of no stop: its motions within 20 ms after that of another are new",
         ],
     )
     figures = {

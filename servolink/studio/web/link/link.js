@@ -5,7 +5,7 @@ import { t } from "../texts/text.js";
 
 /** @typedef {"connecting" | "open" | "refused" | "lost" | "unshared"} LinkState */
 /** @typedef {{ code: number, message: string, data?: { kind?: string, remedy?: string } }} ErrorObject */
-/** @typedef {{ session: string, role: "watch" | "run" | "move" | "edit", name: string, url: string, is_virtual: boolean, profile: any, is_link: boolean, has_fleet: boolean }} Welcome */
+/** @typedef {{ session: string, role: "watch" | "run" | "move" | "edit", name: string, url: string, is_virtual: boolean, profile: any, is_link: boolean, has_fleet: boolean, stops: number | null }} Welcome */
 
 /** @typedef {import("./worker-line.js").WorkerLine | WebSocket} Line */
 
@@ -79,6 +79,7 @@ export class Link {
       this._board = message.name;
       this._isGreeted = true;
       this._pause = FIRST_PAUSE;
+      this._hearStop(message.stops);
       this.onState("open");
       this.onWelcome(message);
     };
@@ -145,11 +146,23 @@ export class Link {
   /** @param {any} message */
   _take(message) {
     if (message.method === "progress") return this._waiting.get(message.params.id)?.onProgress?.(message.params);
-    if (message.method !== undefined) return this._listeners.get(message.method)?.(message.params);
+    if (message.method !== undefined) {
+      this._listeners.get(message.method)?.(message.params);
+      if (message.method === "stopped") this._hearStop(message.params.number);
+      return;
+    }
     const waiting = this._waiting.get(message.id);
     this._waiting.delete(message.id);
     if (message.error) waiting?.reject(new RequestError(message.error));
     else waiting?.resolve(message.result);
+  }
+
+  /**
+   * Acknowledge a stop: what was sent before moves nothing, what is sent from now on is of after it.
+   * @param {number | null | undefined} number of the stop; none from an earlier hub
+   */
+  _hearStop(number) {
+    if (number != null) this.tell("stop.heard", { number });
   }
 
   /** @param {Welcome} next first message of the studio with the new board */
