@@ -73,7 +73,7 @@ async def run_start(caller: Caller, params: RunStart) -> RunStarted:
         raise MotionRefused("nothing was moved: nothing is prepared; call run.prepare first")
     if prepared.connection is not control.hub.board.connection:
         raise MotionRefused("nothing was moved: the board was connected again since this was prepared")
-    if not (control.stops.holds(caller.ticket) and control.hub.stops.holds(prepared.ticket)):
+    if not control.hub.stops.holds(prepared.ticket):
         raise MotionRefused("nothing was moved: the board was stopped since this was prepared", reason=Reason.STOP)
     if refusal := refuse_other_use(control.hub.exclusive_use, control.session):
         raise refusal

@@ -50,6 +50,25 @@ test("an error has its kind and remedy", async () => {
   });
 });
 
+test("a stop is acknowledged once its listener has heard it, and on opening those before", () => {
+  const link = new Link(() => new WebSocket("ws://here/ws"), "token", "a page");
+  link.open();
+  sockets[0].welcome("mine", "rex", 7);
+  assert.deepEqual(sockets[0].sent[1], { jsonrpc: "2.0", method: "stop.heard", params: { number: 7 } });
+  link.on("stopped", () => link.tell("dropped"));
+  sockets[0].hear({ method: "stopped", params: { by: null, reason: "", stalled: null, number: 8 } });
+  assert.deepEqual(sockets[0].sent.slice(2).map(({ method, params }) => [method, params]), [
+    ["dropped", {}],
+    ["stop.heard", { number: 8 }],
+  ]);
+});
+
+test("a hub of an earlier version, whose stops have no number, gets no acknowledgement", () => {
+  const { socket } = connected();
+  socket.hear({ method: "stopped", params: { by: null } });
+  assert.equal(socket.sent.length, 1);
+});
+
 test("progress and notifications reach those who want them, and nobody else", async () => {
   const { link, socket } = connected();
   const heard = [];

@@ -21,7 +21,7 @@ class FakeSocket {
   }
 
   /** Let the connection open, and the studio welcome the page. */
-  welcome(session = "mine", name = "rex") {
+  welcome(session = "mine", name = "rex", stops = null) {
     this.readyState = FakeSocket.OPEN;
     this.onopen();
     this.hear({
@@ -31,6 +31,7 @@ class FakeSocket {
       url: "virtual://",
       is_virtual: true,
       profile: null,
+      stops,
     });
   }
 
