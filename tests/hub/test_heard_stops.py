@@ -13,6 +13,7 @@ import pytest
 from servolink.client import connect
 from servolink.connection import Tap
 from servolink.control import ProblemNotice, Role, number_heard, stop_heard
+from servolink.hub.engine.program import FrameProgram
 from servolink.hub.hub import Hub
 from servolink.hub.methods.control_session import ControlInterface
 from servolink.hub.rules.exchanges import HeardStops
@@ -186,7 +187,7 @@ def test_the_library_acknowledges_the_stops_of_others_behind_what_it_has_sent() 
     async def use(hub: Hub, virtual: VirtualBoard) -> None:
         interface = ControlInterface(hub)
         async with sharing(hub, interface.open_channel) as url, connect(url) as board, connect(url) as other:
-            mine = next(each for each in hub.programs.values() if each.who == board.connection.transport.greeting.who)
+            mine = next(each for each in hub.programs.values() if isinstance(each, FrameProgram))
             await other.stop()
             await until(lambda: mine.stops_heard.told == mine.stops_heard.heard == hub.stops.count)
             await board.move({1: 20}, duration=0.05, start=True)

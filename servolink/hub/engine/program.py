@@ -90,8 +90,6 @@ class Program(ABC):
         self.counters = ProgramCounters()
         self.queue = ProgramQueue()
         """Unsent requests of the program."""
-        self.stops_heard = HeardStops()
-        """Stops that the program has acknowledged among its frames."""
         self.has_left = False
         self.on_end: Callable[[], None] | None = None
         """Called when the hub ends the session."""
@@ -172,6 +170,8 @@ class FrameProgram(Program):
         """Transmission mode (3.1.1); a program in mode 0 gets only the response that sets mode 1."""
         self.on_room: Callable[[], None] | None = None
         """Called when the program may be read again after `is_full`."""
+        self.stops_heard = HeardStops()
+        """Stops that the program has acknowledged among its frames."""
         self._sink = sink
         self._parser = FrameParser(codec.byte_order)
         self._received_at = 0.0

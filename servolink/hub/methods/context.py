@@ -20,7 +20,7 @@ from servolink.hub.engine.questions import Questions
 from servolink.hub.engine.stop_order import MotionsCancelled
 from servolink.hub.hub import Hub
 from servolink.hub.method_messages import MOST_LIMITS, Move
-from servolink.hub.rules.exchanges import HeardStops, MoveOrder, RunEnd
+from servolink.hub.rules.exchanges import MoveOrder, RunEnd
 from servolink.motion import AngleUnit, MotionLimits, MotionPlanner, StopCounter, Ticket
 from servolink.protocol import ExecuteActionExRequest, ExecuteActionRequest, ExecuteMacroRequest
 from servolink.support import time_with_sleep
@@ -91,8 +91,6 @@ class Control:
             self._program.dead_man = greeting.dead_man
         self.stops = StopCounter() if self._program is None else self._program.stops
         """Stops that end motions of the program."""
-        self.stops_heard = HeardStops()
-        """Stops that the program has acknowledged here."""
         self._board: Board | None = None
         self._changed = asyncio.Event()
 
@@ -113,18 +111,6 @@ class Control:
             self.stops.stop(notice.reason, notice.cause)
         if isinstance(notice, HoldNotice | MotionsCancelled):
             self._changed.set()
-
-    def tell_stop(self) -> int:
-        """Count the latest stop as told to the program, for what it sends here and as frames. Return its number."""
-        number = self.stops_heard.told = self.hub.stops.count
-        if (program := self.hub.programs.get(self.session)) is not None:
-            program.stops_heard.told = number
-        return number
-
-    def ticket(self) -> Ticket:
-        """Return the ticket of a motion whose request is received now."""
-        ticket = self.stops.ticket()
-        return ticket.expired() if self.stops_heard.is_behind else ticket
 
     def ticket_of_hub(self, ticket: Ticket) -> Ticket:
         """Return a ticket of the hub for a motion with `ticket`, which may be over."""

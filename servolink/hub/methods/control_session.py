@@ -22,12 +22,14 @@ from servolink.control import (
 )
 from servolink.hub.engine.guarding import Guarding
 from servolink.hub.engine.hub_recorder import HubRecorder
+from servolink.hub.engine.program import FrameProgram
 from servolink.hub.engine.stop_order import MotionsCancelled
 from servolink.hub.hub import Hub
 from servolink.hub.methods import motion_methods, question_methods, stored, tap_methods  # add their methods
 from servolink.hub.methods.context import Control, Readings
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed
 from servolink.hub.methods.methods import METHODS, Caller
+from servolink.hub.rules.exchanges import HeardStops
 
 __all__ = ["METHODS", "ControlSession", "motion_methods", "question_methods", "stored", "tap_methods"]
 
@@ -97,6 +99,7 @@ class ControlSession:
         role = Role.parse(greeting.role)
         self._peer: Peer[Caller] = Peer(METHODS, self._caller, send, abort, role=role, reading=reading)
         self._end_listening: Callable[[], None] | None = None
+        self._heard = HeardStops()
         self._stopped: StoppedNotice | None = None
         self._told_dropped = 0
 
@@ -135,7 +138,10 @@ class ControlSession:
 
     def _caller(self) -> Caller:
         """Return the context of a request received now: a later stop ends the motion of the request."""
-        return Caller(self.control, self._servos, self._buttons, self._tap, self._recorder, self.control.ticket())
+        ticket = self.control.stops.ticket()
+        if self._heard.is_behind:
+            ticket = ticket.expired()
+        return Caller(self.control, self._servos, self._buttons, self._tap, self._recorder, ticket, self._heard)
 
     def _notify(self, notification: Struct) -> None:
         self._peer.tell(notification)
@@ -159,7 +165,9 @@ class ControlSession:
 
     def _tell_stop(self, session: str, reason: str, stalled: int | None) -> None:
         """Notify of a stop by another program; what arrives before the program has acknowledged it moves nothing."""
-        number = self.control.tell_stop()
+        number = self._heard.told = self._hub.stops.count
+        if isinstance(program := self._hub.programs.get(self.control.session), FrameProgram):
+            program.stops_heard.told = number
         by = self._hub.name_of(session) if session else None
         self._stopped = StoppedNotice(by, reason, stalled, number)
         self._notify(self._stopped)

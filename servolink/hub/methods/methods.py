@@ -50,6 +50,7 @@ from servolink.hub.method_messages import (
 )
 from servolink.hub.methods.context import Control
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed, servos_now
+from servolink.hub.rules.exchanges import HeardStops
 from servolink.motion import Ticket
 from servolink.project import UNFINISHED
 from servolink.protocol import ALL_SERVOS, QueryServoListRequest
@@ -71,6 +72,8 @@ class Caller(NamedTuple):
     recorder: HubRecorder
     ticket: Ticket
     """When the request was received."""
+    stops_heard: HeardStops
+    """Stops that the program has acknowledged on this connection."""
 
     async def board_to_move(self, until: float | None) -> Board:
         """Return the board for a motion, which must begin by `until` (see `Control.board_to_move`)."""
@@ -148,7 +151,7 @@ def stop_heard(caller: Caller, params: StopHeard) -> Done:
     A program that calls this once, with `stops` of the welcome, is one that acknowledges stops: what it sent before it
     heard of a stop moves nothing.
     """
-    caller.control.stops_heard.heard = params.number
+    caller.stops_heard.heard = params.number
     return Done()
 
 
