@@ -31,7 +31,6 @@ from servolink.control import (
     Tighten,
     Welcome,
     open_channel,
-    stop_heard,
 )
 from servolink.errors import ConnectionLost, MotionRefused, OpenError, Reason, RequestRefused, ServolinkError, escape
 from servolink.motion import STOPPED, MotionLimits, Ticket
@@ -232,7 +231,7 @@ class HubLink:
         """Acknowledge a stop among the frames: those before it move nothing any more. None from an earlier hub."""
         if stop is not None:
             with suppress(ConnectionLost):  # which the connection reports itself
-                self._connection.send_aside(stop_heard(stop))
+                self._connection.send_aside(StoppedNotice.heard(stop))
 
     def _learn_lease(self, lease: LeaseStatus | None) -> None:
         had_lease = self._has_lease

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from servolink.control.channel import Reply, RpcChannel, open_channel
 from servolink.control.error_codes import KINDS, Code, ErrorData, ErrorObject, RpcError
-from servolink.control.greeting import Greeting, Refusal, Welcome, number_heard, stop_heard
+from servolink.control.greeting import Greeting, Refusal, Welcome
 from servolink.control.messages import (
     Answer,
     AnyRecord,
@@ -73,9 +73,7 @@ __all__ = [
     "encoded",
     "from_address",
     "greet",
-    "number_heard",
     "open_channel",
-    "stop_heard",
     "this_program",
     # errors
     "Code",

@@ -8,12 +8,9 @@ import msgspec
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
 from servolink.control.rights import RoleName
-from servolink.protocol import Packet, SendDummyDataRequest
 
 VERSION = 1
 """Version of greeting, welcome, and all later messages."""
-_STOP_HEARD = b"servolink: stop heard: "
-_MOST_DIGITS = 20  # of the number of a stop
 
 
 class Greeting(Struct, kw_only=True, forbid_unknown_fields=True):
@@ -84,23 +81,6 @@ class Welcome(Struct, kw_only=True):
     hold: Raw = Raw(b"null")
     stops: int | None = None
     """Number of stops so far, to be acknowledged by programs that may move servos; None from an earlier hub."""
-
-
-def stop_heard(number: int) -> SendDummyDataRequest:
-    """Return the packet by which a program acknowledges the stop `number`: what it sends later is of after the stop.
-
-    It stands among the frames of the program, because a message beside them could overtake a motion. The hub reads
-    it, and sends nothing to the board.
-    """
-    return SendDummyDataRequest(_STOP_HEARD + b"%d" % number)
-
-
-def number_heard(packet: Packet) -> int | None:
-    """Return the number of the stop that `packet` acknowledges; None for any other packet."""
-    if not isinstance(packet, SendDummyDataRequest) or not packet.data.startswith(_STOP_HEARD):
-        return None
-    number = packet.data[len(_STOP_HEARD) :]
-    return int(number) if number.isdigit() and len(number) < _MOST_DIGITS else None
 
 
 class Refusal(Struct, forbid_unknown_fields=True):

@@ -8,6 +8,10 @@ from msgspec import Struct
 
 from servolink.control.status import ConnectionState, HoldStatus, LeaseStatus, ServoNow, about
 from servolink.project import Phase
+from servolink.protocol import Packet, SendDummyDataRequest
+
+_STOP_HEARD = b"servolink: stop heard: "
+_MOST_DIGITS = 20  # of the number of a stop
 
 
 class ServosFrame(Struct, frozen=True):
@@ -57,6 +61,22 @@ class StoppedNotice(Struct, frozen=True):
     reason: Annotated[str, about("for people; empty from an earlier hub")] = ""
     stalled: Annotated[int | None, about("servo that the guard found stalled; null for any other reason")] = None
     number: Annotated[int | None, about("for `stop.heard`; null from an earlier hub")] = None
+
+    @staticmethod
+    def heard(number: int) -> SendDummyDataRequest:
+        """Return the packet by which a program acknowledges a stop among its frames, where no motion can overtake it.
+
+        The hub reads the packet, and sends nothing to the board.
+        """
+        return SendDummyDataRequest(_STOP_HEARD + b"%d" % number)
+
+    @staticmethod
+    def number_heard(packet: Packet) -> int | None:
+        """Return the number of the stop that `packet` acknowledges; None for any other packet."""
+        if not isinstance(packet, SendDummyDataRequest) or not packet.data.startswith(_STOP_HEARD):
+            return None
+        number = packet.data[len(_STOP_HEARD) :]
+        return int(number) if number.isdigit() and len(number) < _MOST_DIGITS else None
 
 
 class ProgramNotice(Struct, frozen=True):

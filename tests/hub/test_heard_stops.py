@@ -12,7 +12,7 @@ import pytest
 
 from servolink.client import connect
 from servolink.connection import Tap
-from servolink.control import ProblemNotice, Role, number_heard, stop_heard
+from servolink.control import ProblemNotice, Role, StoppedNotice
 from servolink.hub.engine.program import FrameProgram
 from servolink.hub.hub import Hub
 from servolink.hub.methods.control_session import ControlInterface
@@ -77,17 +77,17 @@ def test_only_a_program_that_acknowledges_stops_can_be_behind(told: int, heard: 
 @pytest.mark.parametrize(
     ("packet", "number"),
     [
-        (stop_heard(0), 0),
-        (stop_heard(1234), 1234),
+        (StoppedNotice.heard(0), 0),
+        (StoppedNotice.heard(1234), 1234),
         (SendDummyDataRequest(b""), None),
-        (SendDummyDataRequest(stop_heard(1).data + b" "), None),
-        (SendDummyDataRequest(stop_heard(1).data + b"2" * 30), None),
-        (SendDummyDataRequest(stop_heard(1).data[:-1]), None),
+        (SendDummyDataRequest(StoppedNotice.heard(1).data + b" "), None),
+        (SendDummyDataRequest(StoppedNotice.heard(1).data + b"2" * 30), None),
+        (SendDummyDataRequest(StoppedNotice.heard(1).data[:-1]), None),
         (QueryProjectIDRequest(), None),
     ],
 )
 def test_the_number_of_a_heard_stop_is_read_as_it_was_written(packet: Packet, number: int | None) -> None:
-    assert number_heard(packet) == number
+    assert StoppedNotice.number_heard(packet) == number
 
 
 async def test_frames_from_before_a_program_heard_of_a_stop_move_nothing_and_later_ones_do() -> None:
@@ -95,7 +95,7 @@ async def test_frames_from_before_a_program_heard_of_a_stop_move_nothing_and_lat
         framed = Framed(here.hub)
         async with here.program("framed", session="both") as control:
             await control.call("board.state")
-            framed.send(stop_heard(here.hub.stops.count))
+            framed.send(StoppedNotice.heard(here.hub.stops.count))
             await other.call("stop")
             number = control.of("stopped")[0]["number"]
             framed.send(_START, ExecuteActionExRequest(1), QueryProjectIDRequest())
@@ -103,7 +103,9 @@ async def test_frames_from_before_a_program_heard_of_a_stop_move_nothing_and_lat
             assert not is_started(here, 1)
             assert framed.packets()[0] == SetServoParameterResponse(1, 0, 1)
             assert [notice["reason"] for notice in control.of("refused")] == ["a stop came first"] * 2
-            framed.send(stop_heard(number - 1), _START, stop_heard(number), SetServoParameterRequest(2, 1, 1))
+            framed.send(
+                StoppedNotice.heard(number - 1), _START, StoppedNotice.heard(number), SetServoParameterRequest(2, 1, 1)
+            )
             await until(lambda: is_started(here, 2))
             assert not is_started(here, 1)
         framed.program.leave()
@@ -128,10 +130,10 @@ async def test_the_acknowledgement_of_a_stop_is_no_packet_for_the_board() -> Non
         framed = Framed(here.hub)
         sent: list[Packet] = []
         here.hub.board.connection.taps.add(Sent(sent))
-        framed.send(stop_heard(1), SendDummyDataRequest(b"for the board"), QueryProjectIDRequest())
+        framed.send(StoppedNotice.heard(1), SendDummyDataRequest(b"for the board"), QueryProjectIDRequest())
         await until(framed.packets)
         assert SendDummyDataRequest(b"for the board") in sent
-        assert stop_heard(1) not in sent
+        assert StoppedNotice.heard(1) not in sent
         framed.program.leave()
 
 

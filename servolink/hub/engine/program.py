@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from servolink.client import ButtonEvent
-from servolink.control import ProgramStatus, Role, number_heard
+from servolink.control import ProgramStatus, Role, StoppedNotice
 from servolink.errors import DecodeError, escape
 from servolink.hub.rules.exchanges import Exchange, HeardStops, ProgramCounters, ProgramQueue
 from servolink.motion import NO_TICKET, AngleUnit, ServoUnits, StopCounter
@@ -227,7 +227,7 @@ class FrameProgram(Program):
         if packet is None:
             self.counters.ignored += 1
             return
-        if (number := number_heard(packet)) is not None:
+        if (number := StoppedNotice.number_heard(packet)) is not None:
             self.stops_heard.heard = number
             return
         size = REQUEST_BYTES + len(content)
