@@ -20,7 +20,7 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 77_637,
+    "lines": 77_759,
     "files": 464,
     "names that cross rooms": 607,
     "own imports of a file, median": 5,
