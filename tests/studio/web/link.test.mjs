@@ -2,7 +2,8 @@ import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 import { sockets, turns } from "./page.mjs";
 
-const { Link, LinkLost, RequestError } = await import("../../../servolink/studio/web/link/link.js");
+const { Link, LinkLost, RequestError } =
+  await import("../../../servolink/studio/web/link/link.js");
 
 beforeEach(() => (sockets.length = 0));
 
@@ -45,7 +46,10 @@ test("an error has its kind and remedy", async () => {
   socket.hear({ id: socket.sent[1].id, error });
   await assert.rejects(asked, (found) => {
     assert.ok(found instanceof RequestError);
-    assert.deepEqual([found.message, found.kind, found.remedy], ["too far", "MotionRefused", "stay within the limits"]);
+    assert.deepEqual(
+      [found.message, found.kind, found.remedy],
+      ["too far", "MotionRefused", "stay within the limits"],
+    );
     return true;
   });
 });
@@ -54,13 +58,23 @@ test("a stop is acknowledged once its listener has heard it, and on opening thos
   const link = new Link(() => new WebSocket("ws://here/ws"), "token", "a page");
   link.open();
   sockets[0].welcome("mine", "rex", 7);
-  assert.deepEqual(sockets[0].sent[1], { jsonrpc: "2.0", method: "stop.heard", params: { number: 7 } });
+  assert.deepEqual(sockets[0].sent[1], {
+    jsonrpc: "2.0",
+    method: "stop.heard",
+    params: { number: 7 },
+  });
   link.on("stopped", () => link.tell("dropped"));
-  sockets[0].hear({ method: "stopped", params: { by: null, reason: "", stalled: null, number: 8 } });
-  assert.deepEqual(sockets[0].sent.slice(2).map(({ method, params }) => [method, params]), [
-    ["dropped", {}],
-    ["stop.heard", { number: 8 }],
-  ]);
+  sockets[0].hear({
+    method: "stopped",
+    params: { by: null, reason: "", stalled: null, number: 8 },
+  });
+  assert.deepEqual(
+    sockets[0].sent.slice(2).map(({ method, params }) => [method, params]),
+    [
+      ["dropped", {}],
+      ["stop.heard", { number: 8 }],
+    ],
+  );
 });
 
 test("a hub of an earlier version, whose stops have no number, gets no acknowledgement", () => {
@@ -73,7 +87,9 @@ test("progress and notifications reach those who want them, and nobody else", as
   const { link, socket } = connected();
   const heard = [];
   link.on("servos", (params) => heard.push(params.number));
-  const asked = link.call("project.apply", {}, (progress) => heard.push(progress.done));
+  const asked = link.call("project.apply", {}, (progress) =>
+    heard.push(progress.done),
+  );
   const { id } = socket.sent[1];
   socket.hear({ method: "progress", params: { id, done: 3 } });
   socket.hear({ method: "progress", params: { id: id + 1, done: 4 } });
