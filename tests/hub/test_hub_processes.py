@@ -123,7 +123,7 @@ def test_a_hub_with_two_open_files_left_hears_one_stop_after_the_other(port: str
         assert "was disconnected" not in finished(hub, signal.SIGINT).err
 
 
-@pytest.mark.skipif("os.geteuid() != 0", reason="only root can be another user for a while")
+@pytest.mark.skipif("os.getuid() != 0", reason="only root can be another user for a while")
 def test_another_user_does_not_get_in(port: str) -> None:
     with process("share", "--board", port, "--name", "rex"), socket.socket(socket.AF_UNIX) as line:
         folder = user_folder("runtime")

@@ -2,8 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 import { sockets, turns } from "./page.mjs";
 
-const { Link, LinkLost, RequestError } =
-  await import("../../../servolink/studio/web/link/link.js");
+const { Link, LinkLost, RequestError } = await import("../../../servolink/studio/web/link/link.js");
 
 beforeEach(() => (sockets.length = 0));
 
@@ -46,10 +45,7 @@ test("an error has its kind and remedy", async () => {
   socket.hear({ id: socket.sent[1].id, error });
   await assert.rejects(asked, (found) => {
     assert.ok(found instanceof RequestError);
-    assert.deepEqual(
-      [found.message, found.kind, found.remedy],
-      ["too far", "MotionRefused", "stay within the limits"],
-    );
+    assert.deepEqual([found.message, found.kind, found.remedy], ["too far", "MotionRefused", "stay within the limits"]);
     return true;
   });
 });
@@ -87,9 +83,7 @@ test("progress and notifications reach those who want them, and nobody else", as
   const { link, socket } = connected();
   const heard = [];
   link.on("servos", (params) => heard.push(params.number));
-  const asked = link.call("project.apply", {}, (progress) =>
-    heard.push(progress.done),
-  );
+  const asked = link.call("project.apply", {}, (progress) => heard.push(progress.done));
   const { id } = socket.sent[1];
   socket.hear({ method: "progress", params: { id, done: 3 } });
   socket.hear({ method: "progress", params: { id: id + 1, done: 4 } });
