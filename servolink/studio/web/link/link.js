@@ -162,7 +162,7 @@ export class Link {
    * @param {number | null | undefined} number of the stop; none from an earlier hub
    */
   _hearStop(number) {
-    if (number != null) this.tell("stop.heard", { number });
+    if (typeof number === "number") this.tell("stop.heard", { number });
   }
 
   /** @param {Welcome} next first message of the studio with the new board */
