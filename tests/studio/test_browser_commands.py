@@ -127,7 +127,7 @@ def stop_one(place: Place) -> None:
     show(place.page, "Live")
     place.page.get_by_role("button", name=re.compile("^(L|Left) elbow$")).click()  # renamed by another row
     place.button("Hold here").click()
-    until(lambda: place.wire.sent_of(20030)[-1] == bytes((6, 0, 1)))
+    until(lambda: place.wire.sent_of(20030)[-1:] == [bytes((6, 0, 1))])
     place.button("Start").click()
 
 
