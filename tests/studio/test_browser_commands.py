@@ -229,9 +229,10 @@ def name_and_trim(place: Place) -> None:
 
 def write_project_id(place: Place) -> None:
     show(place.page, "Board")
-    if place.button("Change the project id …").is_visible():
-        place.button("Change the project id …").click()
-    field = place.page.get_by_label("New project id, 0 for none")
+    change, field = place.button("Change the project id …"), place.page.get_by_label("New project id, 0 for none")
+    change.or_(field).first.wait_for()
+    if change.is_visible():
+        change.click()
     field.fill("4321")
     field.press("Enter")
     write(place)
