@@ -18,6 +18,7 @@ from servolink.protocol import (
     ClearAllDataRequest,
     ExecuteActionRequest,
     QueryMemorySizeRequest,
+    SendDummyDataRequest,
     SetServoParameterRequest,
     Step,
     WriteProjectIDRequest,
@@ -58,6 +59,28 @@ async def test_what_is_given_up_again_and_again_does_not_pile_up_before_a_stop(n
         await asyncio.sleep(0.05)
         assert connection.scheduler._permits == 0
         assert (await connection.request(QueryMemorySizeRequest())).size
+
+
+async def test_a_packet_aside_leaves_behind_what_was_written_and_keeps_a_permit_until_it_is_taken() -> None:
+    board, aside = PipedBoard(), SendDummyDataRequest(b"aside")
+    async with connected(board, depth=3) as connection:
+        connection.send_aside(aside)
+        await turns_of_the_loop(3)
+        assert connection.scheduler._permits == 0
+        board.taking = asyncio.Event()
+        moving = asyncio.create_task(connection.send(ExecuteActionRequest((Step(1, 5, 10),))))
+        await turns_of_the_loop(2)
+        connection.send_aside(aside)
+        await turns_of_the_loop(2)
+        assert [type(packet) for _, packet in board.sent[-2:]] == [ExecuteActionRequest, SendDummyDataRequest]
+        assert connection.scheduler._permits == 2
+        board.taking.set()
+        await moving
+        await turns_of_the_loop(3)
+        assert connection.scheduler._permits == 0
+        await connection.close()
+        with pytest.raises(ConnectionLost, match="closed by this program"):
+            connection.send_aside(aside)
 
 
 @pytest.mark.parametrize("name", SENDS)
