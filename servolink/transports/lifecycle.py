@@ -164,12 +164,18 @@ class BaseTransport(ABC):
         error.__cause__ = self._error.__cause__ or self._error
         return error
 
-    async def _until_accepted(self, accepted: asyncio.Future[bool]) -> None:
-        """Wait until `accepted` is resolved with True, or the connection ends."""
+    def _until_accepted(self, accepted: asyncio.Future[bool]) -> Awaitable[None]:
+        """Return an awaitable that ends once `accepted` is resolved with True; raise ConnectionLost after the end.
+
+        It counts as a sender at once: a pipe in memory accepts the bytes before a new task has begun to wait.
+        """
         if self._stage == "ended":  # ended by `_send` itself: nobody would resolve the future
             raise self._lost()
         self._senders.append(accepted)
         self._watch.start()
+        return self._until_resolved(accepted)
+
+    async def _until_resolved(self, accepted: asyncio.Future[bool]) -> None:
         if not await accepted:
             raise self._lost()
 
