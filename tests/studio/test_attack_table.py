@@ -27,9 +27,9 @@ ROLES: dict[RoleName, str] = {
         battery board.facts board.state buttons.subscribe buttons.unsubscribe lease.ask lease.beat lease.give
         limits.tighten project.export project.ease project.images project.lesson project.thin recorder.list
         recorder.status records.get records.list rename servos.ack servos.list servos.parameters servos.unwatch
-        servos.watch status stop studio.about studio.blocks.get studio.check studio.draft.get studio.figure.get
-        studio.file.read studio.file.write studio.fleet studio.fleet.groups studio.fleet.stop studio.rename
-        studio.twin.reach studio.twin.stop studio.twin.try studio.twin.verdicts tap.start tap.stop
+        servos.watch status stop stop.heard studio.about studio.blocks.get studio.check studio.draft.get
+        studio.figure.get studio.file.read studio.file.write studio.fleet studio.fleet.groups studio.fleet.stop
+        studio.rename studio.twin.reach studio.twin.stop studio.twin.try studio.twin.verdicts tap.start tap.stop
     """,
     "run": """
         lease.take motion.check recorder.mark recorder.start recorder.stop run run.prepare run.start
@@ -51,7 +51,7 @@ TOUCHES = {
     "session": """
         board.hold board.release buttons.subscribe buttons.unsubscribe lease.ask lease.beat lease.give lease.take
         limits.tighten motion.check question.answer question.ask question.show question.withdraw rename servos.ack
-        servos.unwatch servos.watch studio.rename tap.start tap.stop
+        servos.unwatch servos.watch stop.heard studio.rename tap.start tap.stop
     """,
     "session, motion": "move.end run.prepare run.start stream.begin stream.send",
     "motion": "move release run servo.set",

@@ -111,10 +111,12 @@ def test_another_robot_is_chosen_when_the_program_that_shared_the_board_has_ende
 
 _COVERED = """() => [...document.querySelectorAll("button, input, a, select, .toast")].filter(one => {
   const { left, top, width, height } = one.getBoundingClientRect(), x = left + width / 2, y = top + height / 2;
-  if (!one.checkVisibility() || width < 2 || x < 0 || y < 0 || x > innerWidth || y > innerHeight) return false;
+  if (!one.checkVisibility({ visibilityProperty: true })) return false;
+  if (width < 2 || x < 0 || y < 0 || x > innerWidth || y > innerHeight) return false;
   const scrolled = one.closest("main, .otherlist")?.getBoundingClientRect();
   if (scrolled && (y < scrolled.top || y > scrolled.bottom)) return false;
-  const above = document.elementFromPoint(x, y);
+  const above = document.elementFromPoint(x, y), bar = above?.closest(".hold");
+  if (scrolled && bar && /sticky|fixed/.test(getComputedStyle(bar).position)) return false; // scrolling brings it out
   return !one.contains(above) && !above?.contains(one) && !one.labels?.[0]?.contains(above);
 }).map(one => one.outerHTML.slice(0, 120))"""
 """The controls and messages that something else lies over, on the part of the page that is shown."""
