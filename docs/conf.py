@@ -46,6 +46,7 @@ nitpick_ignore_regex = [
     ),  # Python's own documentation is not at hand during a build
     ("py:.*", r".*\.([MPRT](_co)?)"),  # type variables
     ("py:.*", r"servolink\.connection\.connection\.Connection"),  # only stands for the present connection
+    ("py:.*", r"servolink\.hub\.rules\.tried\.MotionTwin"),  # the twin of the extra is the only one
     ("py:.*", r"servolink\.virtual\..*"),  # how the virtual board keeps what is stored
 ]
 
