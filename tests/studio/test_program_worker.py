@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from servolink.control import ShareTransport
 from servolink.studio.program_worker import ProgramWorker, perform
 from tests.support.page_pipes import HAS_SOCKETS
 
@@ -65,6 +66,7 @@ def told(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> list[tuple[str, str]
     monkeypatch.setattr(HAS_SOCKETS, False)
     for name in ("argv", "stdout", "stderr"):
         monkeypatch.setattr(f"sys.{name}", getattr(sys, name))
+    monkeypatch.setattr(ShareTransport, "dead_man", None)
     return []
 
 
