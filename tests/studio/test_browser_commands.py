@@ -242,6 +242,7 @@ def write_project_id(place: Place) -> None:
 def add_table(place: Place) -> None:
     show(place.page, "Buttons")
     place.button("New table").click()
+    place.page.get_by_role("dialog").get_by_role("button", name="Keep").click()
     write(place)
 
 
