@@ -20,8 +20,8 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 77_765,
-    "files": 464,
+    "lines": 78_965,
+    "files": 472,
     "names that cross rooms": 607,
     "own imports of a file, median": 5,
     "own imports of a file, 90 %": 12,
