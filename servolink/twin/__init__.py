@@ -16,6 +16,7 @@ from servolink.twin.reach import load_figure
 from servolink.twin.simulation import Physics, is_installed
 from servolink.twin.softening import soften
 from servolink.twin.trial import Fall, RunningTrial
+from servolink.twin.urdf import ros_names, to_urdf
 
 __all__ = [
     # figures and bodies
@@ -27,7 +28,9 @@ __all__ = [
     "load_figure",
     "model_text",
     "plus",
+    "ros_names",
     "times",
+    "to_urdf",
     # forecasts
     "check_move",
     "check_record",

@@ -16,3 +16,8 @@ export function placesOf(template, body) {
   const figure = new Figure(JSON.parse(readFileSync(new URL(`${template}.figure.json`, figures), "utf8")));
   return figure.place(body).map((matrix) => apply(matrix, [0, 0, 0]));
 }
+
+export function framesOf(data, poses) {
+  const figure = new Figure(data);
+  return poses.map((pose) => figure.place({ pose, move: [0, 0, 0], turn: [1, 0, 0, 0] }).map((matrix) => [...matrix]));
+}
