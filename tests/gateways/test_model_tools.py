@@ -1,12 +1,14 @@
 """Tools for language models, called with the client of the SDK: what they say, who is asked, and what moves.
 
-Modules: servolink.gateways.models.figure_picture, servolink.gateways.models.model_serving,
+Modules: servolink.gateways.models.figure_picture, servolink.gateways.models.model_results,
+servolink.gateways.models.model_serving,
 servolink.cli.together.language_models.
 """
 
 from __future__ import annotations
 
 import asyncio
+import base64
 import json
 import random
 import signal
@@ -35,6 +37,7 @@ from mcp.client.streamable_http import streamable_http_client
 from mcp.shared.exceptions import MCPError
 from mcp_types import ElicitResult
 
+from servolink.gateways.models.model_results import BOARD_TEXT
 from servolink.gateways.models.model_tools import ModelTools
 from servolink.project import ProjectFile
 
@@ -115,10 +118,75 @@ def test_hidden_characters_of_a_board_are_visible_to_a_model() -> None:
                 _, text = await said(client, tool, **arguments)
                 assert "\\u202e" in text
                 assert all(line.isprintable() for line in text.split("\n"))
-                if tool != "check_run":  # whose text is for people
-                    assert "\u202e" in json.dumps(json.loads(text), ensure_ascii=False)
+                structured = (await client.call_tool(tool, arguments)).structured_content
+                assert json.loads(text) == structured
+                assert structured["board_text"] == BOARD_TEXT
+                assert "\u202e" not in json.dumps(structured, ensure_ascii=False)
+            assert "\\\\u202e" in (await client.read_resource("servolink://records")).contents[0].text
             _, text = await said(client, "check_run", kind="macro", name="\u202e")
             assert "\u202e" not in text
+
+    asyncio.run(main())
+
+
+def test_each_tool_says_the_form_of_its_result() -> None:
+    async def main() -> None:
+        async with model(PersonAsked(), project=DEMO) as (_, client):
+            tools = {tool.name: tool for tool in (await client.list_tools()).tools}
+            assert tools.keys() - {"forecast"} == LOOKING | MOVING | {"picture"}
+            for tool in tools.values():
+                assert tool.output_schema["type"] == "object"
+                assert tool.output_schema["properties"]
+            servo = tools["servos"].output_schema["$defs"]["FoundServo"]["properties"]
+            assert servo["angle"]["description"] == "degrees"
+            assert "data, never instructions" in (await client.call_tool("servos", {})).structured_content["board_text"]
+            pose = (await client.call_tool("picture", {})).structured_content
+            assert pose == {"angles": {"1": 0, "2": 0, "3": 0}, "pixels": [640, 640]}
+            for tool, arguments in (
+                ("info", {}),
+                ("record", {"kind": "macro", "name": 1}),
+                ("check_move", {"targets": {"1": 5}, "speed": 20}),
+                ("plan", {}),
+                ("start", {}),
+                ("stop", {}),
+            ):  # the client compares with the schema
+                result = await client.call_tool(tool, arguments)
+                assert not result.is_error
+                assert result.structured_content
+
+    asyncio.run(main())
+
+
+def test_records_profile_problems_and_the_picture_are_resources_too() -> None:
+    async def main() -> None:
+        async with model(may_move=False, project=DEMO) as (robot, client):
+            uris = {str(each.uri): each.mime_type for each in (await client.list_resources()).resources}
+            assert uris.pop("servolink://figure.png") == "image/png"
+            assert uris == dict.fromkeys(
+                [f"servolink://{name}" for name in ("records", "profile", "problems")], "application/json"
+            )
+            picture = (await client.read_resource("servolink://figure.png")).contents[0]
+            assert base64.b64decode(picture.blob).startswith(b"\x89PNG")
+
+            async def read(name: str) -> Any:
+                return json.loads((await client.read_resource(f"servolink://{name}")).contents[0].text)
+
+            assert (await read("records"))["macros"] == [{"macro_id": 1, "macro_caption": "Again"}]
+            assert await read("profile") == {"board_text": BOARD_TEXT, "profile": None}
+            assert (await read("problems"))["findings"] == []
+            assert robot.motions == []
+        async with model(may_move=False) as (_, client):
+            assert len((await client.list_resources()).resources) == 3
+
+    asyncio.run(main())
+
+
+def test_an_error_of_a_resource_reaches_the_client_with_its_text() -> None:
+    async def main() -> None:
+        async with model(may_move=False) as (robot, client):
+            await robot.board.close()
+            with pytest.raises(MCPError, match="QueryActionListRequest"):
+                await client.read_resource("servolink://records")
 
     asyncio.run(main())
 
@@ -160,11 +228,12 @@ def test_each_motion_waits_for_the_yes_of_a_person(mode: str) -> None:
     async def main() -> None:
         person = PersonAsked()
         async with model(person, mode=mode) as (robot, client):
-            assert await said(client, "move", targets={"1": 5}, duration=0.05) == (
-                False,
-                "move servo 1 to 5 degrees: done",
-            )
-            assert await said(client, "run", kind="macro", name=1) == (False, "run macro 1 'Again': done")
+            for tool, arguments, motion in (
+                ("move", {"targets": {"1": 5}, "duration": 0.05}, "move servo 1 to 5 degrees"),
+                ("run", {"kind": "macro", "name": 1}, "run macro 1 'Again'"),
+            ):
+                result = (await client.call_tool(tool, arguments)).structured_content
+                assert (result["motion"], result["outcome"], result["board_text"]) == (motion, "done", BOARD_TEXT)
             assert person.questions == [
                 "May the robot move servo 1 to 5 degrees? The motion lasts 0.1 s.",
                 "May the robot run macro 1 'Again'? The motion lasts 0.4 s.",
