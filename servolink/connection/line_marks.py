@@ -153,6 +153,7 @@ def _admits(packet_id: int, length: int) -> bool:
 _TELNET = re.compile(rb"\xff(?:(\xff)|[\xfb-\xfe].|[\xf0-\xfa])", re.DOTALL)
 _NEGOTIATION = re.compile(rb"\xff[\xfb-\xfe][\x00-\x32].?")
 _RAW_MODE = "set the serial server or bridge to raw TCP, without telnet, RFC 2217 or any conversion"
+_RAW_OR_TELNET = f"{_RAW_MODE}\nor, if it speaks RFC 2217: write rfc2217:// in place of tcp://"
 _TRANSPARENT = "set the bridge, terminal driver or adapter to pass all bytes unchanged (raw, binary, transparent)"
 
 _DIRECTION = "use a two-wire adapter that turns its direction in time, or lengthen its delay before it sends"
@@ -188,7 +189,7 @@ def _swapped(data: bytes) -> bytes:
 
 
 _CHANGES: tuple[tuple[str, str, Callable[[bytes], bytes], str], ...] = (
-    ("telnet", "doubles ff, as a serial server in telnet mode (RFC 2217) does", _without_telnet, _RAW_MODE),
+    ("telnet", "doubles ff, as a serial server in telnet mode (RFC 2217) does", _without_telnet, _RAW_OR_TELNET),
     ("line ends", "puts 0d before each 0a", lambda data: data.replace(b"\r\n", b"\n"), _TRANSPARENT),
     ("line ends", "puts 0a behind each 0d", lambda data: data.replace(b"\r\n", b"\r"), _TRANSPARENT),
     ("line ends", "puts 00 behind each 0d", lambda data: data.replace(b"\r\0", b"\r"), _TRANSPARENT),
@@ -227,7 +228,7 @@ def _changed_bytes(data: bytes, byte_order: ByteOrder) -> Iterator[Mark]:
             yield _bridge(name, f"{text}: {gained} frames are right without that, such as {odd}", remedy)
             return
     if _NEGOTIATION.match(data):
-        yield _bridge("telnet", f"begins with a telnet negotiation (RFC 2217), {shown(data[:12])}", _RAW_MODE)
+        yield _bridge("telnet", f"begins with a telnet negotiation (RFC 2217), {shown(data[:12])}", _RAW_OR_TELNET)
     elif data.count("\ufffd".encode()) >= _LEAST_ALIKE:
         yield _bridge("text bridge", "sends the mark for undecodable text, ef bf bd, in place of bytes", _TRANSPARENT)
     elif parity := _parity(data):

@@ -23,6 +23,7 @@ _INTEGER = r"[+-]?[0-9]{1,18}"
 _HEXADECIMAL = r"(?ai)0x[0-9a-f]{1,15}"
 _NUMBER = r"(?ai)[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?"
 _FORMS = "write it as serial:///dev/ttyACM0, serial://COM3, tcp://host:port or virtual://"
+_OTHER_NAMES = {"socket": "tcp"}  # of schemes, in programs with pyserial
 _LONGEST = 200  # characters of an address in an error text
 _MOST = 65_536  # characters of an address: resolving links in a path takes time with its square
 CONNECTION_OPTIONS = (
@@ -87,7 +88,7 @@ class Address:
         host, port = parts["v6"] or parts["host"] or "", parts["port"] or ""
         return cls(
             url,
-            scheme.lower(),
+            _OTHER_NAMES.get(scheme.lower(), scheme.lower()),
             _unescaped(url, host),
             _unescaped(url, port),
             _unescaped(url, slash + path),

@@ -27,6 +27,7 @@ class _TransportKind(Struct, frozen=True):
 _KINDS = {
     "serial": _TransportKind("servolink.transports.serial", "from_address", "pyserial-asyncio"),
     "tcp": _TransportKind("servolink.transports.stream", "from_address"),
+    "rfc2217": _TransportKind("servolink.transports.rfc2217", "from_address"),
     "hid": _TransportKind("servolink.transports.hid", "from_address", "hidapi"),
     "usb": _TransportKind("servolink.transports.usb", "from_address", "pyusb libusb-package"),
     "share": _TransportKind("servolink.control", "from_address"),
@@ -40,9 +41,7 @@ _KINDS = {
 
 
 _ELSEWHERE = {
-    "socket": "write tcp://host:port",
-    "rfc2217": "set the serial server to raw TCP, and write tcp://host:port",
-    "telnet": "set the serial server to raw TCP, and write tcp://host:port",
+    "telnet": "write rfc2217://host:port, or tcp://host:port if the serial server only passes bytes",
     "mqtt": "boards of a broker are reached by `servolink fleet`",
     "mqtts": "boards of a broker are reached by `servolink fleet`",
 }

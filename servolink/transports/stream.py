@@ -191,7 +191,7 @@ def keep_alive(connection: socket.socket, *, idle: int, interval: int, count: in
 
 
 def from_address(address: Address) -> TcpTransport:
-    """Make the transport for `tcp://host:port?timeout=SECONDS`."""
+    """Make the transport for `tcp://host:port?timeout=SECONDS`, or `socket://`, its name in other programs."""
     if not address.host or address.path.strip("/"):
         raise address.refusal("must be written tcp://host:port")
     timeout = address.number("timeout", 5.0, 0.1, 600)

@@ -145,8 +145,7 @@ def test_what_is_no_address_is_refused_with_what_to_write(url: str, text: str) -
 @pytest.mark.parametrize(
     ("url", "remedy"),
     [
-        ("socket://h:9000", "write tcp://host:port"),
-        ("rfc2217://h:9000", "set the serial server to raw TCP"),
+        ("telnet://h:9000", "write rfc2217://host:port, or tcp://host:port"),
         ("mqtt://h", "`servolink fleet`"),
     ],
 )

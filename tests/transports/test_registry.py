@@ -101,7 +101,7 @@ def test_an_address_gives_its_kind_of_transport(url: str, kind: type) -> None:
     [
         (
             "seral:///dev/ttyACM0",
-            "known are hid://, memory://, replay://, serial://, share://, tcp://, usb://, virtual://, webhid://",
+            "known are hid://, memory://, replay://, rfc2217://, serial://, share://, tcp://, usb://, virtual://, webhid://",
         ),
         ("share://", "must name a shared board: share://NAME, with letters, digits, - and _"),
         ("share://../x", "must name a shared board"),

@@ -91,3 +91,13 @@ async def test_ipv6_hosts_stand_in_brackets() -> None:
         await accepted.wait()
         await transport.close()
     assert accepted.is_set()
+
+
+@on_loop
+async def test_socket_is_another_name_of_tcp() -> None:
+    async with TcpWire() as wire:
+        wire.transport = create(wire.transport.url.replace("tcp://", "socket://"))
+        ear = await wire.open()
+        await wire.say(b"x")
+        assert await ear.hear(1) == b"x"
+        assert wire.transport.url.startswith("socket://")

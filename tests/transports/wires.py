@@ -15,9 +15,10 @@ from collections import deque
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from types import TracebackType
-from typing import Any, ParamSpec, Self
+from typing import Any, ParamSpec, Self, cast
 
 import msgspec
+import serial.rfc2217  # type: ignore[import-untyped]
 
 from servolink.control import Greeting, Welcome
 from servolink.support import socket_folder, socket_path, user_folder
@@ -227,6 +228,29 @@ class TcpWire(Wire, asyncio.Protocol):
     def listen(self) -> None:
         assert self._connection is not None
         self._connection.resume_reading()
+
+
+class Rfc2217Wire(TcpWire):
+    """The transport for RFC 2217, and the server's side of pyserial."""
+
+    async def start(self) -> Transport:
+        self.port = serial.serial_for_url("loop://", baudrate=9600)
+        return create((await super().start()).url.replace("tcp://", "rfc2217://"))
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        self.manager = cast("Any", serial.rfc2217.PortManager)(self.port, self)
+
+    def write(self, data: bytes) -> None:
+        """Send what the manager has to say."""
+        assert self._connection is not None
+        self._connection.write(data)
+
+    def data_received(self, data: bytes) -> None:
+        self.far.data(b"".join(self.manager.filter(data)))
+
+    async def say(self, data: bytes) -> None:
+        self.write(b"".join(self.manager.escape(data)))
 
 
 class ShareWire(TcpWire):
@@ -455,6 +479,7 @@ class PlainFrames:
 WIRES: dict[str, Callable[[Path], Wire]] = {
     "serial": lambda _: PtyWire(),
     "tcp": lambda _: TcpWire(),
+    "rfc2217": lambda _: Rfc2217Wire(),
     "share": lambda _: ShareWire("rex"),
     "memory": lambda _: MemoryWire(),
     "hid": lambda folder: HidWire(folder / "hidraw0"),

@@ -75,19 +75,6 @@ class FoundRecord(WithBoardText, total=False):
     commands: Annotated[list[dict[str, Any]], Field(description="runs of actions and macros, and pauses")]
 
 
-class FoundProfile(WithBoardText):
-    """Profile of the board, as kept on this computer by its owner."""
-
-    profile: dict[str, Any] | None
-
-
-class FoundProblems(WithBoardText):
-    """What an examination of board, line and computer has found."""
-
-    findings: list[dict[str, str | bool]]
-    not_answered: Annotated[list[str], Field(description="queries that the board does not answer")]
-
-
 class Picture(TypedDict):
     """Pose of the robot in a picture, and the size of the picture."""
 
@@ -96,16 +83,11 @@ class Picture(TypedDict):
 
 
 class CheckedMotion(WithBoardText):
-    """Motion that was compared with all limits of board, profile and person."""
+    """Motion that was compared with all limits, and after a person's yes was carried out to its end."""
 
     motion: str
     seconds: float
-
-
-class EndedMotion(CheckedMotion):
-    """Motion after a person's yes, carried out until its planned end."""
-
-    outcome: Literal["done"]
+    outcome: Literal["checked", "done"]
 
 
 class PlannedChanges(WithBoardText):

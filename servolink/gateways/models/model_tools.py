@@ -29,9 +29,6 @@ from servolink.gateways.models.model_results import (
     BOARD_TEXT,
     AllowedMotions,
     CheckedMotion,
-    EndedMotion,
-    FoundProblems,
-    FoundProfile,
     FoundRecord,
     FoundRecords,
     FoundServos,
@@ -62,7 +59,7 @@ ProjectText: TypeAlias = Annotated[
 ]
 
 Result = TypeVar("Result")
-Motion: TypeAlias = EndedMotion | InputRequiredResult
+Motion: TypeAlias = CheckedMotion | InputRequiredResult
 
 INSTRUCTIONS = (
     "A robot with servos on a control board. Angles are degrees, and each servo has limits. Look first (servos, "
@@ -146,15 +143,15 @@ class ModelTools:
         found = await (self._board.action(name) if kind == "action" else self._board.macro(name))
         return _of_board(FoundRecord, **record_to_json(found))
 
-    async def profile(self) -> FoundProfile:
+    async def profile(self) -> dict[str, Any]:
         """Return the profile of the board: limits, settings and their evidence; null without a profile."""
         known = self._board.profile
-        return _of_board(FoundProfile, profile=known and msgspec.to_builtins(known.profile, str_keys=True))
+        return _of_board(dict, profile=known and msgspec.to_builtins(known.profile, str_keys=True))
 
-    async def problems(self) -> FoundProblems:
+    async def problems(self) -> dict[str, Any]:
         """Return what is wrong with board, line and computer, with remedies; asks the board for some seconds."""
         report = await examine(SystemFacts(), f"share://{self._supervisor.hub}?role=watch")
-        return _of_board(FoundProblems, findings=msgspec.to_builtins(report.findings), not_answered=report.unsupported)
+        return _of_board(dict, findings=msgspec.to_builtins(report.findings), not_answered=report.unsupported)
 
     async def picture(self) -> Annotated[CallToolResult, Picture]:
         """Return a picture of the robot in its present pose, with the ids of the servos at the joints."""
@@ -170,11 +167,11 @@ class ModelTools:
 
     async def check_move(self, targets: Targets, duration: Duration = None, speed: Speed = None) -> CheckedMotion:
         """Check a movement against all limits, and return its duration. Nothing moves."""
-        return _of_board(CheckedMotion, **_shown(await self._supervisor.check_move(targets, duration, speed)))
+        return _shown(await self._supervisor.check_move(targets, duration, speed), "checked")
 
     async def check_run(self, kind: Kind, name: Name) -> CheckedMotion:
         """Check the run of a stored action or macro against all limits, and return its duration. Nothing moves."""
-        return _of_board(CheckedMotion, **_shown(await self._supervisor.check_run(_KINDS[kind], name)))
+        return _shown(await self._supervisor.check_run(_KINDS[kind], name), "checked")
 
     async def plan(self, project: ProjectText = None) -> PlannedChanges:
         """Return what a project file would change on the board. Nothing is written; a person can apply the file."""
@@ -227,7 +224,7 @@ class ModelTools:
                     return cast("InputRequiredResult", asked)
                 permission = asked
         await self._supervisor.perform(permission)
-        return _of_board(EndedMotion, **_shown(permission.motion), outcome="done")
+        return _shown(permission.motion, "done")
 
     async def _ask(self, ctx: Context, motion: SupervisedMotion, ticket: Ticket) -> Any:
         """Return the permission of a person, or the request that makes the client ask and call again.
@@ -274,8 +271,8 @@ def _of_board(form: type[Result], **found: Any) -> Result:
     return cast("Result", {"board_text": BOARD_TEXT, **found})
 
 
-def _shown(motion: SupervisedMotion) -> dict[str, Any]:
-    return {"motion": motion.text, "seconds": motion.seconds}
+def _shown(motion: SupervisedMotion, outcome: str) -> CheckedMotion:
+    return _of_board(CheckedMotion, motion=motion.text, seconds=motion.seconds, outcome=outcome)
 
 
 def _add(server: Any, tool: Callable[..., Awaitable[Any]], annotations: Any) -> None:
