@@ -66,6 +66,7 @@ LATE = {
     "transports/serial_ports.py": (1, "driver of serial ports"),
     "transports/usb_devices.py": (1, "driver of USB"),
     "twin/reach.py": (6, "extra twin: NumPy"),
+    "twin/urdf_reading.py": (1, "defusedxml: only an import reads XML"),
     "twin/trial.py": (1, "extra twin: NumPy"),
 }
 """Imports within functions: how many of a file, and what makes them late: an extra, a driver, a command or a system."""

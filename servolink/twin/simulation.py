@@ -42,6 +42,16 @@ def is_installed() -> bool:
     return find_spec("mujoco") is not None
 
 
+def checked_model(body: Body) -> str:
+    """Return the MJCF text of a body; where MuJoCo is installed, only of one that MuJoCo can build.
+
+    Raise TwinError for another one.
+    """
+    if is_installed():
+        Physics(body)
+    return model_text(body)
+
+
 class Physics:
     """Model of a body in MuJoCo, and the state of all its parts.
 

@@ -178,8 +178,9 @@ def _add_inertial(link: ET.Element, part: BodyPart) -> None:
     ET.SubElement(inertial, "origin", xyz=texts((x, y, z)), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=texts([mass]))
     inertia = ET.SubElement(inertial, "inertia")
+    unit = 10 ** (math.floor(math.log10(max(matrix[at][at] for at in range(3)))) - 7)  # hides what sums leave of zeros
     for at, other in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-        inertia.set(f"i{'xyz'[at]}{'xyz'[other]}", f"{matrix[at][other] + 0.0:.6g}")
+        inertia.set(f"i{'xyz'[at]}{'xyz'[other]}", f"{round(matrix[at][other] / unit) * unit:.8g}")
 
 
 def _moments(solid: Solid) -> Iterator[float]:

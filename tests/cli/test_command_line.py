@@ -185,6 +185,8 @@ def _prepare(name: str, robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPa
         robot.board.storage.contents = contents_of(ON_THE_BOARD)
     if name == "export":  # without --yes, it writes a new file only
         (folder / "robot.servolink.json").unlink()
+    if name == "figure import":
+        in_pipe("figure", "export", "robot.servolink.json", "robot.urdf")
     if name == "rollback":
         in_pipe("apply", "robot.servolink.json", "--yes")
     if name.startswith("board"):

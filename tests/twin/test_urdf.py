@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 from servolink.project import Feet, Figure
 from servolink.twin.body import Body, metres
-from servolink.twin.mjcf import BASE, part_names
+from servolink.twin.mjcf import BASE, model_text, part_names
 from servolink.twin.simulation import Physics, mujoco
 from servolink.twin.urdf import ros_names, to_urdf
 from tests.studio.web_code import call_all, needs_node
@@ -62,12 +62,15 @@ def in_model(model: Any, names: Mapping[str, str], turns: Mapping[str, int], pos
 
 def in_mjcf(of: Figure, poses: list[dict[int, float]]) -> Frames:
     """Return the frames in the model for MuJoCo, as if its base stood where that of the figure is."""
-    physics = Physics(Body.of(of))
-    model, parts = physics.model, list(zip(physics.body.parts, part_names(physics.body), strict=True))
-    model.body(BASE).pos[:] = physics.body.base if isinstance(of.base, Feet) else metres(of.base.at)
+    body = Body.of(of)
+    model, parts = (
+        mujoco().MjModel.from_xml_string(model_text(body)),
+        list(zip(body.parts, part_names(body), strict=True)),
+    )
+    model.body(BASE).pos[:] = body.base if isinstance(of.base, Feet) else metres(of.base.at)
     ids = {model.joint(model.body(name).jntadr[0]).name: part.servo for part, name in parts if part.servo is not None}
     frames = in_model(model, {part.name: name for part, name in parts}, ids, poses)
-    if not physics.body.bolted:  # the free joint has the place of the base
+    if not body.bolted:  # the free joint has the place of the base
         for each in frames.values():
             each[:, :3] += model.body(BASE).pos
     return frames

@@ -17,8 +17,16 @@ from servolink.cli.screen.result import CommandResult, Ending, Returned
 from servolink.cli.usage import usage_error
 from servolink.client import Board
 from servolink.errors import ProjectError
-from servolink.project import Project, ProjectFile, load_project, refuse_new_errors, save_project, validate_project
-from servolink.support import ExitCode
+from servolink.project import (
+    Figure,
+    Project,
+    ProjectFile,
+    load_project,
+    refuse_new_errors,
+    save_project,
+    validate_project,
+)
+from servolink.support import ExitCode, reason, write_atomically
 
 SOURCE = (option("source", "FILE", "a project file, or the address of a board, which is only read", not_empty),)
 
@@ -95,13 +103,27 @@ def write_edited(
     return Returned(edited, [*changes, f"{target}: {'written' if is_new else 'nothing to change'}"])
 
 
-def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
+def write_new(args: argparse.Namespace, target: Path, project: Project, figure: Figure | None = None) -> None:
     """Write `project` to a new file, or to an existing file that `args` allows to replace.
 
     Raise ProjectError if no board could store it, with captions in the encoding of `args`.
     """
     _refuse_errors(args, project)
-    _write(args, target, project, ProjectFile(project, unchecked=False))
+    _write(args, target, project, ProjectFile(project, unchecked=False, figure=figure))
+
+
+def write_bytes(args: argparse.Namespace, target: Path, content: bytes) -> None:
+    """Write a file. Raise ProjectError for an existing one without `--force`."""
+    _refuse_existing(args, target)
+    try:
+        write_atomically(target, content)
+    except OSError as error:
+        raise ProjectError(f"{target}: cannot be written: {reason(error)}") from error
+
+
+def _refuse_existing(args: argparse.Namespace, target: Path) -> None:
+    if target.exists() and not (args.force or getattr(args, "in_place", False)):
+        raise ProjectError(f"{target}: exists already; --force replaces it")
 
 
 def _edited(args: argparse.Namespace, before: Project) -> ProjectFile:
@@ -134,6 +156,5 @@ def _refuse_errors(args: argparse.Namespace, project: Project) -> None:
 
 def _write(args: argparse.Namespace, target: Path, project: Project, like: ProjectFile) -> None:
     """Write `project` with the mark, the figure and the blocks of the file `like`."""
-    if target.exists() and not (args.force or getattr(args, "in_place", False)):
-        raise ProjectError(f"{target}: exists already; --force replaces it")
+    _refuse_existing(args, target)
     save_project(target, project, unchecked=like.unchecked, figure=like.figure, blocks=like.blocks)

@@ -6,7 +6,6 @@ import argparse
 import os
 from collections.abc import Iterator, Sequence
 from operator import itemgetter
-from pathlib import Path
 from typing import Any
 
 from msgspec import UNSET, UnsetType
@@ -14,14 +13,13 @@ from msgspec.structs import asdict
 
 from servolink.cli.arguments import new_file, not_empty
 from servolink.cli.command import PROJECTS, Command, flag, one_of, option
-from servolink.cli.projects.source import FORCE, ProjectEdited, write_edited
+from servolink.cli.projects.source import FORCE, ProjectEdited, write_bytes, write_edited
 from servolink.cli.screen.output import Table, counted
 from servolink.cli.screen.result import CommandResult, Part, Returned, Verbatim, print_for_people, show
-from servolink.errors import ProjectError
 from servolink.project import Project, name_of
 from servolink.protocol import ACTION, MACRO, RecordType
-from servolink.support import ExitCode, reason, write_atomically
-from servolink.twin import Body, Fall, Forecast, Physics, Verdict, forecast, is_installed, model_text, soften
+from servolink.support import ExitCode
+from servolink.twin import Body, Fall, Forecast, checked_model, forecast, soften
 
 FILE = option("source", "FILE", "a project file with a figure", not_empty)
 """Argument with the project whose figure has the body."""
@@ -64,7 +62,7 @@ def run_check(args: argparse.Namespace) -> int:
     else:
         records = [*(project.actions if args.all else ()), *project.macros]
     found = forecast(project, body, records, processes=os.cpu_count() or 1)
-    ok = all(one.verdict is not Verdict.FALLS for one in found)
+    ok = all(one.verdict != "falls" for one in found)
     value = TwinChecked(ok, body.assumptions, [one.as_dict() for one in found])
     show(value, _text(found, body.assumptions))
     if args.picture is not None and found:
@@ -126,18 +124,8 @@ def _fall(fall: Fall) -> str:
 def _write_picture(args: argparse.Namespace, project: Project, body: Body, found: list[Forecast]) -> None:
     """Draw the first of the falls, or else of the doubtful ones, or else the largest lean."""
     one = max(found, key=lambda one: (one.verdict == "falls", one.fall is not None, one.worst_tilt))
-    _write_new(args, args.picture, one.picture(project, body))
+    write_bytes(args, args.picture, one.picture(project, body))
     print_for_people(f"{args.picture}: written, {name_of(one.record)} at {one.moment[1]:.1f} s")
-
-
-def _write_new(args: argparse.Namespace, path: Path, content: bytes) -> None:
-    """Write a file. Raise ProjectError for an existing one without `--force`."""
-    if path.exists() and not args.force:
-        raise ProjectError(f"{path}: exists already; --force replaces it")
-    try:
-        write_atomically(path, content)
-    except OSError as error:
-        raise ProjectError(f"{path}: cannot be written: {reason(error)}") from error
 
 
 @Command(
@@ -194,12 +182,10 @@ def run_soften(args: argparse.Namespace) -> Returned:
 def run_model(args: argparse.Namespace) -> Returned:
     """Write the model; where MuJoCo is installed, only a model that MuJoCo can build."""
     _, body = Body.read(args.source)
-    if is_installed():
-        Physics(body)
-    text = model_text(body)
+    text = checked_model(body)
     if args.output is None:
         return Returned(TwinModel(model=text), Verbatim(text))
-    _write_new(args, args.output, text.encode())
+    write_bytes(args, args.output, text.encode())
     servos = sorted(body.drives)
     size = f"{counted(len(body.parts), 'part')}, {counted(len(servos), 'servo')}, {body.mass:.3g} kg"
     value = TwinModel(file=str(args.output), parts=len(body.parts), servos=servos, mass=body.mass)

@@ -101,6 +101,8 @@ TYPED = (
     "project play {} x",
     "project mirror x 1 --map {} -o y",
     "project rename x {} 1 y -o z",
+    "figure export x /{}/y",
+    "figure import {}",
     "twin check {}",
     "twin model x -o /{}/y",
     "twin soften x --macro {}",

@@ -170,6 +170,12 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("twin model {body}"),
         Trial("twin model {body} -o {missing}/x"),
     ),
+    "figure": (
+        Trial("figure export {body} {exported}"),
+        Trial("figure export {other} {exported} --force"),
+        Trial("figure import {noise}"),
+        Trial("figure import {missing}/{name}"),
+    ),
     "events": (Trial("--url {few} events --seconds 0.02"),),
     "decode": (
         Trial("decode --hex {hex}"),
