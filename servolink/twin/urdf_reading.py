@@ -288,10 +288,12 @@ class _Reader:
             case _:
                 self._warnings.append(f"link {quote(link)} has a shape that is not supported and left out")
                 return
-        rows = list(zip(turn.x, turn.y, turn.z, strict=True))
+        rows: list[tuple[float, ...]] = list(zip(turn.x, turn.y, turn.z, strict=True))
         if any(_ALIGNED < abs(entry) < 1 - _ALIGNED for row in rows for entry in row):
             self._warnings.append(f"link {quote(link)}: a tilted shape is replaced by its bounds")
             along = None
+        else:
+            rows = [tuple(map(round, row)) for row in rows]
         x, y, z = (sum(abs(a) * b for a, b in zip(row, size, strict=True)) for row in rows)
         material = _attribute(element.find("material"), "name")
         more |= {"at": _lengths(plus(at, middle)), "tone": material if material in TONES else "shell"}

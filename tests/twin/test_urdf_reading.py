@@ -72,21 +72,26 @@ def test_an_exported_figure_comes_back_byte_by_byte(name: str, tmp_path: Path) -
     assert_same_frames({part: frames for part, frames in in_mjcf(found, poses).items() if part in expected}, expected)
 
 
-ANGLES = st.floats(-360, 360)
-PLACES = st.tuples(*[st.floats(-2000, 2000)] * 3)
+def floats(low: float, high: float) -> st.SearchStrategy[float]:
+    """Return numbers with at most six decimals, as people and programs write them."""
+    return st.integers(round(low * 1e6), round(high * 1e6)).map(lambda number: number / 1e6)
+
+
+ANGLES = floats(-360, 360)
+PLACES = st.tuples(*[floats(-2000, 2000)] * 3)
 JOINTS = st.fixed_dictionaries(
     {
         "at": PLACES,
         "axis": st.sampled_from(["x", "y", "z"]),
         "sign": st.sampled_from([1, -1]),
-        "offset": ANGLES | st.integers(-360, 360),
+        "offset": ANGLES,
         "limits": st.tuples(ANGLES, ANGLES).map(sorted).filter(lambda ends: ends[0] < ends[1]),
-        "torque": st.floats(0.001, 1000),
-        "speed": st.floats(1, 10_000),
-        "mass": st.floats(0.001, 1000),
+        "torque": floats(0.001, 1000),
+        "speed": floats(1, 10_000),
+        "mass": floats(0.001, 1000),
         "shapes": st.lists(
-            st.fixed_dictionaries({"box": st.tuples(*[st.floats(0.001, 900)] * 3), "at": PLACES})
-            | st.fixed_dictionaries({"disc": st.tuples(*[st.floats(0.001, 900)] * 2), "axis": st.sampled_from("xyz")}),
+            st.fixed_dictionaries({"box": st.tuples(*[floats(0.001, 900)] * 3), "at": PLACES})
+            | st.fixed_dictionaries({"disc": st.tuples(*[floats(0.001, 900)] * 2), "axis": st.sampled_from("xyz")}),
             max_size=2,
         ),
     }
