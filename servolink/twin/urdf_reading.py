@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import struct
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import chain, count
@@ -16,14 +15,12 @@ from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 from xml.etree import ElementTree as ET
 
-from msgspec import UNSET, UnsetType
-from msgspec.structs import replace
-
 from servolink.errors import EncodeError, ProjectError, TwinError, quote
-from servolink.project import BodyFields, Figure, Joint, Shape, View
+from servolink.project import Figure
 from servolink.support import read_file, reason
 from servolink.twin.body import Body
-from servolink.twin.placement import UNITS, Placement, Vector, plus, times
+from servolink.twin.meshes import Points, bounds, stl_points
+from servolink.twin.placement import UNITS, Placement, Vector, times
 from servolink.twin.urdf import NEARLY, TONES, ros_names, texts
 
 MOST_BYTES: Final = 2 * 1024 * 1024
@@ -46,8 +43,6 @@ _LONGEST_NAME = 56  # of 64 characters, with room for a number or "_mount"
 _CAPTION = 32  # bytes
 _MILLIMETRE, _DEGREE = 1e-3, math.pi / 180
 _ALIGNED = 1e-6  # part of a direction across an axis that counts as along the axis
-_ROUND = 1.02  # share of the radius within which all points of a disc are
-_VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)")
 
 
 class UrdfFigure(NamedTuple):
@@ -65,14 +60,14 @@ def read_urdf(path: str | os.PathLike[str]) -> UrdfFigure:
     file = Path(path)
     try:
         root = _parsed(read_file(file, MOST_BYTES))
-        return _Reader(root, file.parent.resolve()).read()
+        return _UrdfReader(root, file.parent.resolve()).read()
     except OSError as error:
         raise ProjectError(f"{file}: cannot be read: {reason(error)}") from error
     except (EncodeError, ValueError) as error:  # ValueError: NUL in the name of the file
         raise ProjectError(f"{file}: {error}") from error
 
 
-class _Guard(ET.TreeBuilder):
+class _SmallTree(ET.TreeBuilder):
     """Builder of a tree of few elements."""
 
     def __init__(self) -> None:
@@ -98,7 +93,7 @@ class _Guard(ET.TreeBuilder):
 def _parsed(content: bytes) -> ET.Element:
     from defusedxml import DTDForbidden, ElementTree  # late: only an import reads XML
 
-    parser = ElementTree.XMLParser(target=_Guard(), forbid_dtd=True)
+    parser = ElementTree.XMLParser(target=_SmallTree(), forbid_dtd=True)
     try:
         parser.feed(content)
         root: ET.Element = parser.close()
@@ -113,13 +108,13 @@ def _parsed(content: bytes) -> ET.Element:
     return root
 
 
-class _Reader:
+class _UrdfReader:
     """Reader of one file; `warnings` grow meanwhile."""
 
     def __init__(self, root: ET.Element, folder: Path) -> None:
         self._root, self._folder = root, folder
         self._mesh_bytes = MOST_MESH_BYTES
-        self._points: dict[Path, list[list[float]]] = {}
+        self._points: dict[Path, Points] = {}
         self._warnings: list[str] = []
         self._links, self._joints = _by_name(root, "link"), _by_name(root, "joint")
         self._above: dict[str, ET.Element] = {}
@@ -139,155 +134,129 @@ class _Reader:
         if len(roots) > 1:
             names = ", ".join(map(quote, roots[:4]))
             raise ProjectError(f"has {len(roots):,} links without a parent ({names}), and a robot has one")
-        left_out = Counter(one.tag for each in self._root.iter() for one in each if self._is_unknown(each, one))
+        left_out = Counter(
+            one.tag for each in self._root.iter() for one in each if one.tag not in _KNOWN.get(each.tag, {one.tag})
+        )
         if left_out:
             tags = ", ".join(f"{number} {quote(f'<{tag}>')}" for tag, number in left_out.most_common(10))
             self._warnings.append(f"left out, as a figure has nothing like them: {tags}")
-        hidden = {name for name in roots if not _KNOWN["link"] & {one.tag for one in self._links[name]}}
-        joints = [joint for name in self._links if name not in hidden for joint in self._parts(name, hidden)]
+        if roots and not _KNOWN["link"] & {one.tag for one in self._links[roots[0]]}:
+            del self._ids[roots[0]]  # only a frame, as the root link of an export
+        joints = [joint for name in self._ids for joint in self._parts(name)]
         [name] = ros_names([(_attribute(self._root, "name")[:_LONGEST_NAME], "robot")])
-        body = BodyFields(touching=tuple(self._near(hidden)))
-        figure = Figure(version=1, name=name, view=View(), joints=tuple(joints), body=body)
-        figure = Figure.from_json(figure.to_json())
+        body = {"touching": [[self._ids[above], self._ids[link]] for link in self._ids for above in self._near(link)]}
+        form = {"figure": 1, "name": name, "view": {}, "joints": joints, "body": body}
         captions = {
             servo: joint.encode()[:_CAPTION].decode(errors="ignore")
             for joint, servo in self._servos.items()
             if joint != self._ids[_attribute(self._joints[joint].find("child"), "link")]
         }
-        return UrdfFigure(self._seen(figure), captions, self._warnings)
+        return UrdfFigure(self._seen(form), captions, self._warnings)
 
-    def _near(self, hidden: set[str]) -> Iterable[tuple[str, str]]:
-        """Yield each part with the one that holds it, and with the next one: they overlap at most joints."""
-        for link in self._links:
-            above = link
-            for _ in range(2):
-                above = _attribute(self._above[above].find("parent"), "link") if above in self._above else ""
-                if above and above not in hidden:
-                    yield self._ids[above], self._ids[link]
+    def _near(self, link: str) -> Iterable[str]:
+        """Yield the link that holds another one, and the next: most robots overlap there."""
+        for _ in range(2):
+            if link in self._above:
+                link = _attribute(self._above[link].find("parent"), "link")
+                yield from {link} & self._ids.keys()
 
-    def _is_unknown(self, element: ET.Element, child: ET.Element) -> bool:
-        return element.tag in _KNOWN and child.tag not in _KNOWN[element.tag]
-
-    def _seen(self, figure: Figure) -> Figure:
+    def _seen(self, form: dict[str, Any]) -> Figure:
         """Return the figure with a view of all of it."""
+        figure = Figure.from_json(form)
         try:
-            places = [place.at for place in Body.of(figure).posed({})]
+            size = 100 + round(1000 * max(max(map(abs, place.at)) for place in Body.of(figure).posed({})))
         except TwinError as error:
             self._warnings.append(f"the twin cannot have this robot: {error}")
             return figure
-        size = 100 + round(1000 * max(max(map(abs, at)) for at in places))
-        view = View(distance=min(5000, 3.5 * size), target=(0, min(5000, size / 2), 0), floor=min(5000, size))
-        return replace(figure, view=view)
+        far, floor = min(5000, 3.5 * size), min(5000, size)
+        return Figure.from_json({**form, "view": {"distance": far, "target": [0, floor / 2, 0], "floor": floor}})
 
     def _numbered(self) -> dict[str, int]:
         """Return the servo of each joint that a servo turns: as the file says, or the next one that is left."""
-        turning = {name: one for name, one in self._joints.items() if one.get("type") in _TURNING}
-        servos: dict[str, int] = {}
-        for name, joint in turning.items():
-            text = _attribute(joint.find("servolink"), "servo")
-            if joint.find("mimic") is None and re.fullmatch("[0-9]{1,3}", text, re.ASCII) and int(text) < 255:
-                servos[name] = int(text)
-        if len(set(servos.values())) < len(servos):
+        servos: dict[str, int | None] = {}
+        for name, joint in self._joints.items():
+            if joint.get("type") in _TURNING and joint.find("mimic") is None:
+                text = _attribute(joint.find("servolink"), "servo")
+                servos[name] = int(text) if re.fullmatch("[0-9]{1,3}", text, re.ASCII) else None
+        given = [servo for servo in servos.values() if servo is not None]
+        if len(set(given)) < len(given):
             raise ProjectError("two joints have the same servo")
-        others = [name for name, joint in turning.items() if name not in servos and joint.find("mimic") is None]
-        if others:
+        if len(given) < len(servos):
             self._warnings.append("servos are numbered in the order of the joints in the file; see to it that they fit")
-        left = (number for number in count(1) if number not in set(servos.values()))
-        return servos | dict(zip(others, left, strict=False))
+        left = (number for number in count(1) if number not in given)
+        return {name: next(left) if servo is None else servo for name, servo in servos.items()}
 
-    def _parts(self, link: str, hidden: set[str]) -> Iterable[Joint]:
+    def _parts(self, link: str) -> Iterable[dict[str, Any]]:
         """Yield the part of a link, after a part that only turns the frame where the figure needs one."""
-        name, element, joint = self._ids[link], self._links[link], self._above.get(link)
-        shapes = tuple(shape for one in _shown(element) for shape in self._shapes(link, one))
-        mass = _within(_numbers(element.find("inertial/mass"), "value", (0,))[0], 0.001, 1000)
-        if element.find("inertial") is not None and mass is UNSET:
-            self._warnings.append(f"link {quote(link)}: its mass is not within 1 g and 1 t, and follows from its size")
-        part = Joint(name, shapes=shapes or UNSET, mass=mass)
+        element, joint = self._links[link], self._above.get(link)
+        shown = element.findall("visual") or element.findall("collision")
+        part: dict[str, Any] = {
+            "id": self._ids[link],
+            "shapes": [shape for one in shown for shape in self._shape(link, one)],
+        }
+        if element.find("inertial") is not None:
+            part |= _within("mass", _number(element.find("inertial/mass"), "value"), 0.001, 1000)
+            if "mass" not in part:
+                self._warnings.append(
+                    f"link {quote(link)}: its mass is not within 1 g and 1 t, and follows from its size"
+                )
         if joint is None:
             yield part
             return
         parent = _attribute(joint.find("parent"), "link")
-        at, (axis, angle) = _origin(joint)
-        held: dict[str, Any] = {"parent": UNSET if parent in hidden else self._ids[parent], "at": _lengths(at)}
+        at, axis, angle = _origin(joint)
+        held: dict[str, Any] = {"parent": self._ids[parent]} if parent in self._ids else {}
+        held |= {"at": _lengths(at)}
         turning = self._turning(joint)
         if turning is None:
-            yield replace(part, **held, **_turn(axis, angle))
+            yield part | held | _turn(axis, angle)
             return
         own, more, fields = turning
         if math.hypot(*_cross(axis, own)) > _ALIGNED and abs(angle) > NEARLY:
-            [mount] = ros_names([(f"{name}_mount", "mount")], self._ids.values())
-            yield Joint(mount, **held, **_turn(axis, angle))
+            [mount] = ros_names([(f"{part['id']}_mount", "mount")], self._ids.values())
+            yield {"id": mount} | held | _turn(axis, angle)
             held, angle = {"parent": mount}, 0.0
-        along = math.copysign(1, sum(a * b for a, b in zip(axis, own, strict=True)))
-        yield replace(part, **held, **fields, **_turn(own, along * angle + more))
+        along = math.copysign(angle, sum(a * b for a, b in zip(axis, own, strict=True)))
+        yield part | held | fields | _turn(own, along + more)
 
     def _turning(self, joint: ET.Element) -> tuple[Vector, float, dict[str, Any]] | None:
         """Return axis, further angle and fields of a joint that a servo turns, or None for a joint that is fixed."""
         name, kind = _attribute(joint, "name"), _attribute(joint, "type")
-        mimic = joint.find("mimic")
+        mimic, limit = joint.find("mimic"), joint.find("limit")
         if kind not in _TURNING:
             if kind != "fixed":
                 self._warnings.append(f"joint {quote(name)}: a {quote(kind)} joint is not supported, and is fixed here")
             return None
-        axis = _vector(joint.find("axis"), "xyz", (1, 0, 0))
+        axis = _vector(joint.find("axis"), "xyz", UNITS[0])
         if mimic is not None:
-            return self._following(name, axis, mimic)
-        limit = joint.find("limit")
-        low, high = (_numbers(limit, field, (end,))[0] for field, end in (("lower", -math.pi), ("upper", math.pi)))
-        if kind == "continuous" or limit is None:
-            low, high = -math.pi, math.pi
-            self._warnings.append(f"joint {quote(name)} has no limits, and gets -180 and 180 degrees")
-        most = 2 * math.pi
-        fields = {
-            "servo": self._servos[name],
-            "limits": tuple(_tidy(min(max(end, -most), most), _DEGREE) for end in (low, high)),
-            "torque": _within(_numbers(limit, "effort", (0,))[0], 0.001, 1000),
-            "speed": _within(_tidy(_numbers(limit, "velocity", (0,))[0], _DEGREE), 1, 10_000),
-        }
-        return axis, 0.0, fields
-
-    def _following(self, name: str, axis: Vector, mimic: ET.Element) -> tuple[Vector, float, dict[str, Any]] | None:
-        """Return what `_turning` does, for a joint that copies another one, or its opposite."""
-        leader = self._servos.get(_attribute(mimic, "joint"))
-        [factor], [offset] = _numbers(mimic, "multiplier", (1,)), _numbers(mimic, "offset", (0,))
-        if leader is None or abs(factor) != 1:
+            leader, factor = self._servos.get(_attribute(mimic, "joint")), _number(mimic, "multiplier", 1)
+            if leader is not None and abs(factor) == 1:
+                return times(factor, axis), factor * _number(mimic, "offset"), {"follows": leader}
             what = "copies a joint without a servo" if leader is None else f"copies {factor:g} times another joint"
             self._warnings.append(f"joint {quote(name)} {what}, which is not supported, and is fixed here")
             return None
-        return times(factor, axis), factor * offset, {"follows": leader}
+        low, high = (_number(limit, field, end) for field, end in (("lower", -math.pi), ("upper", math.pi)))
+        if kind == "continuous" or limit is None:
+            low, high = -math.pi, math.pi
+            self._warnings.append(f"joint {quote(name)} has no limits, and gets -180 and 180 degrees")
+        limits = [_tidy(min(max(end, -2 * math.pi), 2 * math.pi), _DEGREE) for end in (low, high)]
+        fields = _within("torque", _number(limit, "effort"), 0.001, 1000)
+        fields |= _within("speed", _tidy(_number(limit, "velocity"), _DEGREE), 1, 10_000)
+        return axis, 0.0, fields | {"servo": self._servos[name], "limits": limits}
 
-    def _shapes(self, link: str, element: ET.Element) -> Iterable[Shape]:
-        """Yield the box or the disc of a visual element."""
-        geometry = element.find("geometry")
-        found = None if geometry is None else next(iter(geometry), None)
-        at, (axis, angle) = _origin(element)
-        turn = Placement().child((0, 0, 0), axis, angle)
-        middle, along = (0.0, 0.0, 0.0), None
-        more: dict[str, Any] = {}
-        match None if found is None else found.tag:
-            case "box":
-                size = _vector(found, "size", (0, 0, 0))
-            case "cylinder":
-                [radius], [length] = _numbers(found, "radius", (0,)), _numbers(found, "length", (0,))
-                size, along = (2 * radius, 2 * radius, length), 2
-            case "sphere":
-                [radius] = _numbers(found, "radius", (0,))
-                size = times(2 * radius, (1, 1, 1))
-                more = {"round": _tidy(radius, _MILLIMETRE)}
-            case "mesh":
-                try:
-                    middle, size, along = _bounds(self._mesh(_attribute(found, "filename")))
-                except (OSError, ValueError) as error:
-                    text = reason(error) if isinstance(error, OSError) else str(error)
-                    name = quote(_attribute(found, "filename"))
-                    self._warnings.append(f"link {quote(link)}: mesh {name} is left out: {text}")
-                    return
-                scale = _vector(found, "scale", (1, 1, 1))
-                middle = turn.direction(_product(middle, scale))
-                size = _product(size, times(1, (abs(scale[0]), abs(scale[1]), abs(scale[2]))))
-            case _:
-                self._warnings.append(f"link {quote(link)} has a shape that is not supported and left out")
-                return
+    def _shape(self, link: str, element: ET.Element) -> Iterable[dict[str, Any]]:
+        """Yield the box or the disc for a visual element, if it has one."""
+        geometry = element.find("geometry/*")
+        try:
+            middle, size, along = self._bounds(geometry)
+        except ProjectError:
+            raise
+        except (OSError, ValueError) as error:
+            name = _attribute(geometry, "filename")
+            self._warnings.append(f"link {quote(link)}: shape {quote(name)} is left out: {reason(error)}")
+            return
+        at, axis, angle = _origin(element)
+        turn = Placement(at=at).child((0, 0, 0), axis, angle)
         rows: list[tuple[float, ...]] = list(zip(turn.x, turn.y, turn.z, strict=True))
         if any(_ALIGNED < abs(entry) < 1 - _ALIGNED for row in rows for entry in row):
             self._warnings.append(f"link {quote(link)}: a tilted shape is replaced by its bounds")
@@ -296,17 +265,32 @@ class _Reader:
             rows = [tuple(map(round, row)) for row in rows]
         x, y, z = (sum(abs(a) * b for a, b in zip(row, size, strict=True)) for row in rows)
         material = _attribute(element.find("material"), "name")
-        more |= {"at": _lengths(plus(at, middle)), "tone": material if material in TONES else "shell"}
+        shape = {"at": _lengths(turn.point(middle)), "tone": material if material in TONES else "shell"}
         if along is None:
-            yield Shape(box=_lengths((x, y, z)), **more)
+            yield shape | {"box": _lengths((x, y, z))}
         else:
-            axis_at = max(range(3), key=lambda row: abs(rows[row][along]))
-            length = _tidy((x, y, z)[axis_at], _MILLIMETRE)
-            radius = _tidy((x, y, z)[axis_at - 1] / 2, _MILLIMETRE)
-            yield Shape(disc=(radius, length), axis=_FIGURE_AXES[axis_at], **more)
+            row = next(at for at in range(3) if rows[at][along])
+            radius, length = _tidy((x, y, z)[row - 1] / 2, _MILLIMETRE), _tidy((x, y, z)[row], _MILLIMETRE)
+            yield shape | {"disc": (radius, length), "axis": "zxy"[row]}
 
-    def _mesh(self, name: str) -> list[list[float]]:
-        """Return x, y and z of all points of a mesh. Raise OSError or ValueError with the reason."""
+    def _bounds(self, geometry: ET.Element | None) -> tuple[Vector, Vector, int | None]:
+        """Return middle and size of a geometry, and the axis of a disc. Raise OSError or ValueError if unreadable."""
+        tag, middle = "nothing" if geometry is None else geometry.tag, (0.0, 0.0, 0.0)
+        radius = _number(geometry, "radius")
+        if tag == "box":
+            return middle, _vector(geometry, "size", middle), None
+        if tag == "cylinder":
+            return middle, (2 * radius, 2 * radius, _number(geometry, "length")), 2
+        if tag == "sphere":
+            return middle, times(2 * radius, (1, 1, 1)), None
+        if tag != "mesh":
+            raise ValueError(f"a figure has nothing like {quote(f'<{tag}>')}")
+        middle, size, along = bounds(self._mesh(_attribute(geometry, "filename")))
+        scale = _vector(geometry, "scale", (1, 1, 1))
+        return _product(middle, scale), _product(size, (abs(scale[0]), abs(scale[1]), abs(scale[2]))), along
+
+    def _mesh(self, name: str) -> Points:
+        """Return the points of a mesh. Raise OSError or ValueError with the reason."""
         scheme, separator, rest = name.rpartition("://")
         if separator and scheme != "package":
             raise ValueError("only files beside the URDF are read")
@@ -318,7 +302,7 @@ class _Reader:
         if path not in self._points:
             content = read_file(path, self._mesh_bytes)
             self._mesh_bytes -= len(content)
-            self._points[path] = _points(content)
+            self._points[path] = stl_points(content)
         return self._points[path]
 
 
@@ -329,11 +313,6 @@ def _by_name(root: ET.Element, tag: str) -> dict[str, ET.Element]:
         if not name or found.setdefault(name, element) is not element:
             raise ProjectError(f"has a {tag} without a name, or two with the name {quote(name)}")
     return found
-
-
-def _shown(link: ET.Element) -> list[ET.Element]:
-    """Return what a picture of a link shows: visual elements, or those for collisions if it has no others."""
-    return link.findall("visual") or link.findall("collision")
 
 
 def _attribute(element: ET.Element | None, name: str) -> str:
@@ -355,20 +334,25 @@ def _numbers(element: ET.Element | None, name: str, default: Sequence[float]) ->
     return found
 
 
+def _number(element: ET.Element | None, name: str, default: float = 0.0) -> float:
+    return _numbers(element, name, (default,))[0]
+
+
 def _vector(element: ET.Element | None, name: str, default: Vector) -> Vector:
     x, y, z = _numbers(element, name, default)
     return x, y, z
 
 
-def _origin(element: ET.Element) -> tuple[Vector, tuple[Vector, float]]:
+def _origin(element: ET.Element) -> tuple[Vector, Vector, float]:
     """Return the place of a joint or a shape, and its rotation as axis and angle in radians."""
     origin = element.find("origin")
     roll, pitch, yaw = (angle / 2 for angle in _vector(origin, "rpy", (0, 0, 0)))
     (a, b, c), (d, e, f) = map(math.cos, (roll, pitch, yaw)), map(math.sin, (roll, pitch, yaw))
     w, x, y, z = a * b * c + d * e * f, d * b * c - a * e * f, a * e * c + d * b * f, a * b * f - d * e * c
-    size = math.hypot(x, y, z)
-    axis = times(math.copysign(1 / size, w), (x, y, z)) if size > NEARLY else UNITS[0]
-    return _vector(origin, "xyz", (0, 0, 0)), (axis, 2 * math.atan2(size, abs(w)) if size > NEARLY else 0.0)
+    sine, at = math.hypot(x, y, z), _vector(origin, "xyz", (0, 0, 0))
+    if sine < NEARLY:
+        return at, UNITS[0], 0.0
+    return at, times(math.copysign(1 / sine, w), (x, y, z)), 2 * math.atan2(sine, abs(w))
 
 
 def _turn(axis: Vector, angle: float) -> dict[str, Any]:
@@ -394,8 +378,9 @@ def _tidy(number: float, unit: float) -> float:
     return plain if texts([plain * unit]) == texts([number]) else number / unit
 
 
-def _within(number: float, low: float, high: float) -> float | UnsetType:
-    return number if low <= number <= high else UNSET
+def _within(field: str, number: float, low: float, high: float) -> dict[str, Any]:
+    """Return a field of a joint; without it, if the number is outside the range."""
+    return {field: number} if low <= number <= high else {}
 
 
 def _product(one: Vector, other: Vector) -> Vector:
@@ -405,32 +390,3 @@ def _product(one: Vector, other: Vector) -> Vector:
 def _cross(one: Vector, other: Vector) -> Vector:
     (x, y, z), (u, v, w) = one, other
     return y * w - z * v, z * u - x * w, x * v - y * u
-
-
-def _points(content: bytes) -> list[list[float]]:
-    """Return x, y and z of all points of an STL file, binary or text. Raise ValueError for another file."""
-    triangles = int.from_bytes(content[80:84], "little")
-    if len(content) == 84 + 50 * triangles:
-        columns = [*zip(*struct.iter_unpack("<12x9f2x", content[84:]), strict=True)] or [()] * 9
-        points = [[*columns[at], *columns[at + 3], *columns[at + 6]] for at in range(3)]
-    else:
-        found = _VERTEX.findall(content) if content.lstrip().startswith(b"solid") else []
-        points = [[float(point[at]) for point in found] for at in range(3)]
-    if not points[0] or not all(math.isfinite(sum(each)) for each in points):
-        raise ValueError("it is not an STL file with finite points; save it as STL")
-    return points
-
-
-def _bounds(points: list[list[float]]) -> tuple[Vector, Vector, int | None]:
-    """Return middle and size of the bounds of points, and the axis of the disc that they form, if they do."""
-    ends = [(min(each), max(each)) for each in points]
-    (x, u), (y, v), (z, w) = ends
-    middle, size = ((x + u) / 2, (y + v) / 2, (z + w) / 2), (u - x, v - y, w - z)
-    for axis in range(3):
-        one, other = (axis + 1) % 3, (axis + 2) % 3
-        radius = max(size[one], size[other]) / 2
-        if min(size[one], size[other]) * _ROUND >= 2 * radius > 0:
-            pairs = zip(points[one], points[other], strict=True)
-            if max(math.hypot(a - middle[one], b - middle[other]) for a, b in pairs) <= radius * _ROUND:
-                return middle, size, axis
-    return middle, size, None

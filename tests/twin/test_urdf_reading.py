@@ -1,6 +1,6 @@
 """Figures from URDF files: what is exported comes back, meshes become shapes, and hostile files are refused in time.
 
-Module: servolink.twin.urdf_reading, servolink.cli.projects.figures.
+Module: servolink.twin.urdf_reading, servolink.twin.meshes, servolink.cli.projects.figures.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def test_what_is_not_supported_is_named(tmp_path: Path) -> None:
         "joint 'j2' has no limits, and gets -180 and 180 degrees",
         "joint 't' copies 2 times another joint, which is not supported, and is fixed here",
         "left out, as a figure has nothing like them: 2 '<gazebo>'",
-        "link 't' has a shape that is not supported and left out",
+        "link 't': shape '' is left out: a figure has nothing like '<capsule>'",
         "servos are numbered in the order of the joints in the file; see to it that they fit",
     ]
 
@@ -227,7 +227,7 @@ def test_no_other_mesh_is_read(name: str, content: bytes, reason: str, tmp_path:
     found = meshed(folder, content, name)
     assert not found.figure.joints[0].shapes
     [warning, *_] = found.warnings
-    assert warning.startswith(f"link 'a': mesh '{name}' is left out: ")
+    assert warning.startswith(f"link 'a': shape '{name}' is left out: ")
     assert np.any([one in warning for one in reason.split("|")]), warning
 
 
