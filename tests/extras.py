@@ -13,6 +13,7 @@ NEEDED = {
     "servolink.gateways.models.figure_picture": "PIL",
     "servolink.gateways.foxglove.live_channels": "foxglove",
     "servolink.gateways.foxglove.live_server": "foxglove",
+    "servolink.gateways.models.model_results": "pydantic",
     "servolink.gateways.models.model_serving": "mcp",
     "servolink.gateways.models.model_tools": "mcp",
     "servolink.twin.gym": "gymnasium",

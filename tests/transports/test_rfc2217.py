@@ -125,7 +125,7 @@ async def test_a_program_uses_a_board_behind_the_server_of_pyserial() -> None:
     class Terminal(serial.Serial):  # type: ignore[misc]
         """Pseudo-terminal, which has no modem lines."""
 
-        cts = dsr = ri = cd = property(lambda _: False)
+        cts = dsr = ri = cd = property(lambda _: False)  # pyright: ignore[reportIncompatibleMethodOverride]
 
         def _update_dtr_state(self) -> None:
             pass
