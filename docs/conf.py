@@ -14,7 +14,7 @@ from sphinx.builders.html import StandaloneHTMLBuilder  # noqa: E402
 from sphinx.ext.napoleon.docstring import GoogleDocstring  # noqa: E402
 
 import servolink  # noqa: E402
-from docs import command_pages, json_output  # noqa: E402
+from docs import command_pages, json_output, llms_txt  # noqa: E402
 from docs.accessible import accessible  # noqa: E402
 
 if TYPE_CHECKING:
@@ -60,6 +60,7 @@ python_maximum_signature_line_length = 80
 def setup(app: Sphinx) -> None:
     """Let Sphinx find the public names, and read the sections of docstrings."""
     app.connect("builder-inited", prepare)
+    app.connect("build-finished", complete)
     app.connect("missing-reference", resolve_public_name)
     app.connect("autodoc-process-docstring", read_sections)
 
@@ -70,6 +71,12 @@ def prepare(app: Sphinx) -> None:
     json_output.write_schema()
     if isinstance(app.builder, StandaloneHTMLBuilder):
         app.builder.templates.environment.filters["accessible"] = accessible
+
+
+def complete(app: Sphinx, error: Exception | None) -> None:
+    """Write the list of pages for programs that read, beside the pages."""
+    if error is None and isinstance(app.builder, StandaloneHTMLBuilder):
+        (Path(app.outdir) / "llms.txt").write_text(llms_txt.text(), encoding="utf-8")
 
 
 def read_sections(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
