@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 
 import servolink
+from tests.processes import until
 
 ROOT = Path(__file__).parents[2]
 PLUG_IN = ROOT / "docs/examples/lerobot_robot_servolink"
@@ -160,7 +161,46 @@ def test_a_leader_arm_is_released_and_names_the_servos_of_its_robot(plug_in: Any
     try:
         assert {servo.state for servo in leader._board.servos()} == {"released"}
         assert leader.get_action().keys() == leader.action_features.keys() == {"servo_5.pos", "servo_6.pos"}
-        assert leader.feedback_features == {}
-        leader.send_feedback({})
+        leader.send_feedback({"servo_5.pos": 90.0, "servo_6.pos": 0.0})  # before it may move
+        assert {servo.state for servo in leader._board.servos()} == {"released"}
+    finally:
+        leader.disconnect()
+
+
+def test_a_leader_arm_goes_to_the_robot_before_a_person_takes_over(plug_in: Any) -> None:
+    """What LeRobot's `teleop_supports_feedback` asks, and what its `teleop_smooth_move_to` does."""
+    config = plug_in.ServolinkLeaderConfig(board="virtual://?servos=2", servos=[1, 2], follower=[5, 6])
+    leader = plug_in.ServolinkLeader(config)
+    assert leader.feedback_features == leader.action_features
+    leader.connect()
+    try:
+        leader.enable_torque()
+        assert {servo.state for servo in leader._board.servos()} == {"ready"}
+        begun = leader.get_action()
+        target = {"servo_5.pos": begun["servo_5.pos"] + 12, "servo_6.pos": begun["servo_6.pos"], "else.pos": 1.0}
+        for step in range(21):
+            leader.send_feedback({key: begun.get(key, 0) * (1 - step / 20) + target[key] * step / 20 for key in target})
+        until(lambda: abs(leader.get_action()["servo_5.pos"] - target["servo_5.pos"]) <= 1)
+        leader.disable_torque()
+        assert {servo.state for servo in leader._board.servos()} == {"released"}
+        leader.send_feedback(begun)
+        assert {servo.state for servo in leader._board.servos()} == {"released"}
+        leader.enable_torque()
+        leader._board.stop()
+        with pytest.raises(servolink.RequestRefused):
+            leader.send_feedback(begun)
+    finally:
+        leader.disconnect()
+
+
+def test_a_leader_arm_that_may_not_move_is_never_turned(plug_in: Any) -> None:
+    config = plug_in.ServolinkLeaderConfig(board="virtual://?servos=1", servos=[1], may_move=False)
+    leader = plug_in.ServolinkLeader(config)
+    assert leader.feedback_features == {}
+    leader.connect()
+    try:
+        with pytest.raises(PermissionError, match="may_move"):
+            leader.enable_torque()
+        assert leader._board.servo(1).state == "released"
     finally:
         leader.disconnect()

@@ -22,7 +22,31 @@ def key_of(servo_id: int) -> str:
     return f"servo_{servo_id}.pos"
 
 
-class Servolink(Robot):  # type: ignore[misc,unused-ignore]
+class Streaming:
+    """Part of a robot or an arm that turns its servos with set-points."""
+
+    _board: Any = None
+    _stream: Any = None
+    _sent_at = 0.0
+
+    def _send(self, targets: dict[int, float]) -> dict[int, float]:
+        """Turn servos toward targets in degrees by id, as far as limits and caps allow, and return what was sent."""
+        now = time.monotonic()
+        if self._stream is None or now - self._sent_at > GAP:
+            self._stream = self._board.stream(_HZ, gap=2 * GAP)
+        self._sent_at = now
+        sent: dict[int, float] = self._stream.send(targets)
+        return targets | sent
+
+    def _start(self, servo_ids: list[int]) -> None:
+        """Let servos hold and obey; each stays where it is."""
+        for servo_id in servo_ids:
+            if self._board.servo(servo_id).state != "ready":
+                self._board.set_servo(servo_id, start=True, hold=True)
+        self._stream = None
+
+
+class Servolink(Robot, Streaming):  # type: ignore[misc,unused-ignore]
     """Robot whose actions are set-points of a stream, which the library clips to limits and speed caps."""
 
     config_class = ServolinkConfig
@@ -33,9 +57,6 @@ class Servolink(Robot):  # type: ignore[misc,unused-ignore]
         super().__init__(config)
         self.config = config
         self.cameras: dict[str, Any] = make_cameras_from_configs(config.cameras)
-        self._board: Any = None
-        self._stream: Any = None
-        self._sent_at = 0.0
 
     @property
     def _angles(self) -> dict[str, type]:
@@ -79,10 +100,7 @@ class Servolink(Robot):  # type: ignore[misc,unused-ignore]
 
     def configure(self) -> None:
         """Let the servos hold and obey; each stays where it is."""
-        for servo_id in self.config.servos:
-            if self._board.servo(servo_id).state != "ready":
-                self._board.set_servo(servo_id, start=True, hold=True)
-        self._stream = None
+        self._start(self.config.servos)
 
     def get_observation(self) -> dict[str, Any]:
         """Return the present angles and pictures."""
@@ -95,13 +113,8 @@ class Servolink(Robot):  # type: ignore[misc,unused-ignore]
 
         Raise RequestRefused after a stop: connect again when the robot may move.
         """
-        now = time.monotonic()
-        if self._stream is None or now - self._sent_at > GAP:
-            self._stream = self._board.stream(_HZ, gap=2 * GAP)
-        self._sent_at = now
         targets = {servo_id: float(action[key_of(servo_id)]) for servo_id in self.config.servos}  # perhaps tensors
-        sent = targets | self._stream.send(targets)
-        return {key_of(servo_id): float(angle) for servo_id, angle in sent.items()}
+        return {key_of(servo_id): float(angle) for servo_id, angle in self._send(targets).items()}
 
     def disconnect(self) -> None:
         """Close board and cameras; the servos hold their angles."""
