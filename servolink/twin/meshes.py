@@ -19,13 +19,16 @@ _VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)")
 def stl_points(content: bytes) -> Points:
     """Return x, y and z of all points of an STL file, binary or text. Raise ValueError for another file."""
     triangles = int.from_bytes(content[80:84], "little")
-    if len(content) == 84 + 50 * triangles:
-        columns = [*zip(*struct.iter_unpack("<12x9f2x", content[84:]), strict=True)] or [()] * 9
-        points = [[*columns[at], *columns[at + 3], *columns[at + 6]] for at in range(3)]
-    else:
-        found = _VERTEX.findall(content) if content.lstrip().startswith(b"solid") else []
-        points = [[float(point[at]) for point in found] for at in range(3)]
-    if not points[0] or not all(math.isfinite(sum(each)) for each in points):
+    points: Points = []
+    try:
+        if triangles and len(content) == 84 + 50 * triangles:
+            columns = list(zip(*struct.iter_unpack("<12x9f2x", content[84:]), strict=True))
+            points = [[*columns[at], *columns[at + 3], *columns[at + 6]] for at in range(3)]
+        elif content.lstrip().startswith(b"solid"):
+            points = [[float(number) for number in each] for each in zip(*_VERTEX.findall(content), strict=True)]
+    except ValueError:  # from the text of a number
+        points = []
+    if not points or not all(math.isfinite(sum(each)) for each in points):
         raise ValueError("it is not an STL file with finite points; save it as STL")
     return points
 

@@ -17,10 +17,12 @@ FLOOR = "floor"
 """Name of the floor among the bodies that touch."""
 BASE = "base"
 """Name of the body that holds all parts."""
+TONES = {"shell": "0.86 0.88 0.9 1", "limb": "0.2 0.5 0.85 1", "dark": "0.2 0.22 0.26 1", "glow": "0.3 0.85 1 1"}
+"""Colour of each tone of a figure: red, green, blue and opacity."""
+POINT = 0.01
+"""Radius of gyration in metres of a part with a mass and no shape."""
 
 _ROTOR = 0.04  # seconds in which a motor without load reaches most of its speed
-_TONES = {"shell": "0.86 0.88 0.9 1", "limb": "0.2 0.5 0.85 1", "dark": "0.2 0.22 0.26 1", "glow": "0.3 0.85 1 1"}
-_POINT = 0.01  # metres: radius of gyration of a part with a mass and no shape
 
 
 def model_text(body: Body, step: float = 0.002) -> str:
@@ -81,7 +83,7 @@ def _part(above: ET.Element, part: BodyPart, name: str) -> ET.Element:
             joint.set("limited", "true")
             joint.set("range", _texts(part.limits))
     if part.mass and not part.solids:
-        inertia = part.mass * _POINT**2
+        inertia = part.mass * POINT**2
         ET.SubElement(element, "inertial", pos="0 0 0", mass=_text(part.mass), diaginertia=_texts((inertia,) * 3))
     for solid in part.solids:
         _add_solid(element, solid)
@@ -90,7 +92,7 @@ def _part(above: ET.Element, part: BodyPart, name: str) -> ET.Element:
 
 def _add_solid(element: ET.Element, solid: Solid) -> None:
     geom = ET.SubElement(element, "geom", type="box", pos=_texts(solid.at), mass=_text(solid.mass))
-    geom.set("rgba", _TONES[solid.tone])
+    geom.set("rgba", TONES[solid.tone])
     if solid.axis is None:
         geom.set("size", _texts(solid.half))
     else:

@@ -8,32 +8,28 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from itertools import count
-from types import MappingProxyType
 from typing import Final
 from xml.etree import ElementTree as ET
 
 from servolink.project import Feet, Figure
-from servolink.twin.body import Body, BodyPart, Drive, Solid, metres
+from servolink.twin.body import Body, BodyPart, metres
+from servolink.twin.mjcf import POINT, TONES
 from servolink.twin.placement import UNITS, Vector, plus, times, turned
 
 ROOT: Final = "base_link"
 """Name of the root link, unless a part of the figure has it."""
-TONES: Final = {"shell": "0.86 0.88 0.9 1", "limb": "0.2 0.5 0.85 1", "dark": "0.2 0.22 0.26 1", "glow": "0.3 0.85 1 1"}
-"""Colour of each tone of a figure: red, green, blue and opacity."""
 NEARLY: Final = 1e-9
 """Difference below which two directions, or the length of an axis and 1, count as equal."""
 
-_NO_CAPTIONS: Mapping[int, str] = MappingProxyType({})
 _TURNS = ("0 0 0", f"{-math.pi / 2:.12g} 0 0", f"0 {math.pi / 2:.12g} 0")
 """Rotations of a cylinder, whose axis is z in URDF, to z, y and x."""
 _RESERVED = ("world",)  # programs take a link of this name for the world
-_POINT = 0.01  # metres: radius of gyration of a part with a mass and no shape
 _KEPT = 28  # characters of a name that gets a number: a caption has room for 32
 
 
-def to_urdf(figure: Figure, captions: Mapping[int, str] = _NO_CAPTIONS) -> str:
+def to_urdf(figure: Figure, captions: Mapping[int, str] | None = None) -> str:
     """Return the URDF text of a figure as by `Figure.checked`.
 
     The joint of a servo has the caption of the servo as its name, or else the id of the joint in the figure, both as
@@ -45,7 +41,7 @@ def to_urdf(figure: Figure, captions: Mapping[int, str] = _NO_CAPTIONS) -> str:
     """
     body = Body.of(figure)
     links = ros_names(((part.name, f"part_{at}") for at, part in enumerate(body.parts)), _RESERVED)
-    names = _joint_names(body, links, captions)
+    names = _joint_names(body, links, captions or {})
     root = ET.Element("robot", name=ros_names([(body.name, "robot")])[0])
     for tone, colour in TONES.items():
         ET.SubElement(ET.SubElement(root, "material", name=tone), "color", rgba=colour)
@@ -67,7 +63,8 @@ def to_urdf(figure: Figure, captions: Mapping[int, str] = _NO_CAPTIONS) -> str:
             continue
         leader, holder, drive = turned_by
         ET.SubElement(joint, "axis", xyz=texts(axis))
-        _add_limit(joint, holder.limits, drive)
+        limit = ET.SubElement(joint, "limit", lower=texts(holder.limits[:1]), upper=texts(holder.limits[1:]))
+        limit.attrib |= {"effort": texts([drive.torque]), "velocity": texts([drive.speed])}
         if holder is part:
             ET.SubElement(joint, "servolink", servo=str(part.servo))
         else:
@@ -134,12 +131,6 @@ def _rpy(axis: Vector, angle: float) -> Vector:
     return math.atan2(y[2], z[2]), math.atan2(-x[2], flat), math.atan2(x[1], x[0])
 
 
-def _add_limit(joint: ET.Element, limits: tuple[float, float], drive: Drive) -> None:
-    limit = ET.SubElement(joint, "limit", lower=texts(limits[:1]), upper=texts(limits[1:]))
-    limit.set("effort", texts([drive.torque]))
-    limit.set("velocity", texts([drive.speed]))
-
-
 def _add_link(root: ET.Element, name: str, part: BodyPart) -> None:
     link = ET.SubElement(root, "link", name=name)
     if part.mass:
@@ -168,12 +159,13 @@ def _add_inertial(link: ET.Element, part: BodyPart) -> None:
     matrix = [[0.0] * 3 for _ in UNITS]
     for share, solid in masses:
         away = plus(solid.at, (-x, -y, -z))
-        for at, own in enumerate(_moments(solid)):
-            matrix[at][at] += share * (own + math.hypot(*away) ** 2)
+        spread = [half**2 / (3 if solid.axis in {None, at} else 4) for at, half in enumerate(solid.half)]  # m² of a kg
+        for at in range(3):
+            matrix[at][at] += share * (sum(spread) - spread[at] + math.hypot(*away) ** 2)
             for other in range(3):
                 matrix[at][other] -= share * away[at] * away[other]
     if not masses:
-        matrix = [[mass * _POINT**2 * (at == other) for other in range(3)] for at in range(3)]
+        matrix = [[mass * POINT**2 * (at == other) for other in range(3)] for at in range(3)]
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "origin", xyz=texts((x, y, z)), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=texts([mass]))
@@ -181,10 +173,3 @@ def _add_inertial(link: ET.Element, part: BodyPart) -> None:
     unit = 10 ** (math.floor(math.log10(max(matrix[at][at] for at in range(3)))) - 7)  # hides what sums leave of zeros
     for at, other in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
         inertia.set(f"i{'xyz'[at]}{'xyz'[other]}", f"{round(matrix[at][other] / unit) * unit:.8g}")
-
-
-def _moments(solid: Solid) -> Iterator[float]:
-    """Yield the moments of inertia of a solid of 1 kg about x, y and z through its middle, in m²."""
-    crosswise = () if solid.axis is None else tuple(at for at in range(3) if at != solid.axis)
-    shares = [half**2 / (4 if at in crosswise else 3) for at, half in enumerate(solid.half)]
-    yield from (sum(shares) - share for share in shares)

@@ -20,8 +20,9 @@ from servolink.project import Figure
 from servolink.support import read_file, reason
 from servolink.twin.body import Body
 from servolink.twin.meshes import Points, bounds, stl_points
+from servolink.twin.mjcf import TONES
 from servolink.twin.placement import UNITS, Placement, Vector, times
-from servolink.twin.urdf import NEARLY, TONES, ros_names, texts
+from servolink.twin.urdf import NEARLY, ros_names, texts
 
 MOST_BYTES: Final = 2 * 1024 * 1024
 """Most bytes of a URDF file."""
@@ -40,8 +41,10 @@ _KNOWN = {
 _FIGURE_AXES: tuple[Literal["x", "y", "z"], ...] = ("z", "x", "y")  # in the order of x, y and z of a URDF
 _TURNING = {"revolute", "continuous"}
 _LONGEST_NAME = 56  # of 64 characters, with room for a number or "_mount"
+_MOST_TOUCHING = 256  # pairs of a figure
 _CAPTION = 32  # bytes
 _MILLIMETRE, _DEGREE = 1e-3, math.pi / 180
+_PARALLEL = 1 - 1e-12  # cosine between two axes that count as one
 _ALIGNED = 1e-6  # part of a direction across an axis that counts as along the axis
 
 
@@ -134,18 +137,15 @@ class _UrdfReader:
         if len(roots) > 1:
             names = ", ".join(map(quote, roots[:4]))
             raise ProjectError(f"has {len(roots):,} links without a parent ({names}), and a robot has one")
-        left_out = Counter(
-            one.tag for each in self._root.iter() for one in each if one.tag not in _KNOWN.get(each.tag, {one.tag})
-        )
-        if left_out:
-            tags = ", ".join(f"{number} {quote(f'<{tag}>')}" for tag, number in left_out.most_common(10))
-            self._warnings.append(f"left out, as a figure has nothing like them: {tags}")
+        children = ((each.tag, one.tag) for each in self._root.iter() for one in each)
+        left_out = Counter(tag for above, tag in children if tag not in _KNOWN.get(above, {tag}))
+        for tag, number in left_out.most_common(20):
+            self._warnings.append(f"left out, as a figure has nothing like it: {number} {quote(f'<{tag}>')}")
         if roots and not _KNOWN["link"] & {one.tag for one in self._links[roots[0]]}:
             del self._ids[roots[0]]  # only a frame, as the root link of an export
         joints = [joint for name in self._ids for joint in self._parts(name)]
         [name] = ros_names([(_attribute(self._root, "name")[:_LONGEST_NAME], "robot")])
-        body = {"touching": [[self._ids[above], self._ids[link]] for link in self._ids for above in self._near(link)]}
-        form = {"figure": 1, "name": name, "view": {}, "joints": joints, "body": body}
+        form = {"figure": 1, "name": name, "view": {}, "joints": joints}
         captions = {
             servo: joint.encode()[:_CAPTION].decode(errors="ignore")
             for joint, servo in self._servos.items()
@@ -153,23 +153,33 @@ class _UrdfReader:
         }
         return UrdfFigure(self._seen(form), captions, self._warnings)
 
-    def _near(self, link: str) -> Iterable[str]:
-        """Yield the link that holds another one, and the next: most robots overlap there."""
-        for _ in range(2):
-            if link in self._above:
-                link = _attribute(self._above[link].find("parent"), "link")
-                yield from {link} & self._ids.keys()
-
     def _seen(self, form: dict[str, Any]) -> Figure:
-        """Return the figure with a view of all of it."""
-        figure = Figure.from_json(form)
+        """Return the figure with a view of all of it; parts next to each other may overlap, as in most robots."""
+        figure = Figure.from_json(form)  # refuses a circle of links, in which `_rigid` would not end
+        rigid, touching = {link: self._rigid(link) for link in self._ids}, []
+        for link, first in rigid.items():
+            above = first
+            for _ in range(2):
+                if above in self._above:
+                    above = self._rigid(self._parent(above))
+                    touching += [[self._ids[one], self._ids[link]] for one in rigid if rigid[one] == above]
+        form |= {"body": {"touching": touching[:_MOST_TOUCHING]}}
         try:
             size = 100 + round(1000 * max(max(map(abs, place.at)) for place in Body.of(figure).posed({})))
+            far, floor = min(5000, 3.5 * size), min(5000, size)
+            form |= {"view": {"distance": far, "target": [0, floor / 2, 0], "floor": floor}}
         except TwinError as error:
             self._warnings.append(f"the twin cannot have this robot: {error}")
-            return figure
-        far, floor = min(5000, 3.5 * size), min(5000, size)
-        return Figure.from_json({**form, "view": {"distance": far, "target": [0, floor / 2, 0], "floor": floor}})
+        return Figure.from_json(form)
+
+    def _parent(self, link: str) -> str:
+        return _attribute(self._above[link].find("parent"), "link")
+
+    def _rigid(self, link: str) -> str:
+        """Return the first of the links that are fixed to each other and to this one."""
+        while link in self._above and self._above[link].get("type") not in _TURNING:
+            link = self._parent(link)
+        return link
 
     def _numbered(self) -> dict[str, int]:
         """Return the servo of each joint that a servo turns: as the file says, or the next one that is left."""
@@ -190,20 +200,16 @@ class _UrdfReader:
         """Yield the part of a link, after a part that only turns the frame where the figure needs one."""
         element, joint = self._links[link], self._above.get(link)
         shown = element.findall("visual") or element.findall("collision")
-        part: dict[str, Any] = {
-            "id": self._ids[link],
-            "shapes": [shape for one in shown for shape in self._shape(link, one)],
-        }
+        shapes = [shape for one in shown for shape in self._shape(link, one)]
+        part: dict[str, Any] = {"id": self._ids[link], "shapes": shapes}
         if element.find("inertial") is not None:
             part |= _within("mass", _number(element.find("inertial/mass"), "value"), 0.001, 1000)
             if "mass" not in part:
-                self._warnings.append(
-                    f"link {quote(link)}: its mass is not within 1 g and 1 t, and follows from its size"
-                )
+                self._warnings.append(f"link {quote(link)}: a mass outside 1 g to 1 t; it follows from the size here")
         if joint is None:
             yield part
             return
-        parent = _attribute(joint.find("parent"), "link")
+        parent = self._parent(link)
         at, axis, angle = _origin(joint)
         held: dict[str, Any] = {"parent": self._ids[parent]} if parent in self._ids else {}
         held |= {"at": _lengths(at)}
@@ -212,12 +218,12 @@ class _UrdfReader:
             yield part | held | _turn(axis, angle)
             return
         own, more, fields = turning
-        if math.hypot(*_cross(axis, own)) > _ALIGNED and abs(angle) > NEARLY:
+        along = sum(a * b for a, b in zip(axis, own, strict=True)) / (math.hypot(*own) or 1)
+        if abs(along) < _PARALLEL and angle > NEARLY:
             [mount] = ros_names([(f"{part['id']}_mount", "mount")], self._ids.values())
             yield {"id": mount} | held | _turn(axis, angle)
             held, angle = {"parent": mount}, 0.0
-        along = math.copysign(angle, sum(a * b for a, b in zip(axis, own, strict=True)))
-        yield part | held | fields | _turn(own, along + more)
+        yield part | held | fields | _turn(own, math.copysign(angle, along) + more)
 
     def _turning(self, joint: ET.Element) -> tuple[Vector, float, dict[str, Any]] | None:
         """Return axis, further angle and fields of a joint that a servo turns, or None for a joint that is fixed."""
@@ -385,8 +391,3 @@ def _within(field: str, number: float, low: float, high: float) -> dict[str, Any
 
 def _product(one: Vector, other: Vector) -> Vector:
     return one[0] * other[0], one[1] * other[1], one[2] * other[2]
-
-
-def _cross(one: Vector, other: Vector) -> Vector:
-    (x, y, z), (u, v, w) = one, other
-    return y * w - z * v, z * u - x * w, x * v - y * u

@@ -218,7 +218,7 @@ def run_new(args: argparse.Namespace) -> Returned:
     servo_ids = range(1, args.servos + 1)
     rest = Action.pose("Rest", dict.fromkeys(servo_ids, 0), seconds=1.0)
     project = build_project(rest, captions={servo_id: f"servo {servo_id}" for servo_id in servo_ids})
-    write_new(args, args.file, project)
+    write_new(args, args.file, ProjectFile(project))
     text = f"{args.file}: written, with {counted(args.servos, 'servo')} and action 1 'Rest'"
     return Returned(ProjectMade(str(args.file), args.servos, len(project.actions)), text)
 

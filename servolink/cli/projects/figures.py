@@ -28,21 +28,16 @@ FIGURE = Command(
 )
 
 
-class FigureExported(CommandResult, frozen=True):
-    """JSON of `figure export`: the file, and how many parts and servos its robot has."""
+class FigureExchanged(CommandResult, frozen=True):
+    """JSON of `figure export` and `figure import`: the file that was written, with so many parts and servos.
 
-    file: str
-    parts: int
-    servos: int
-
-
-class FigureImported(CommandResult, frozen=True):
-    """JSON of `figure import`: the project file if one was written, and what its figure does not have of the URDF."""
+    `warnings` say what an imported figure does not have of the URDF.
+    """
 
     file: str | None
     parts: int
     servos: int
-    warnings: Sequence[str]
+    warnings: Sequence[str] = ()
 
 
 @Command(
@@ -60,7 +55,7 @@ def run_export(args: argparse.Namespace) -> Returned:
         raise ProjectError(f"{args.source}: has no figure; `servolink studio` fits one to the robot")
     captions = {one.servo_id: one.servo_caption for one in project.servo_parameters}
     write_bytes(args, args.output, to_urdf(figure, captions).encode())
-    value = FigureExported(str(args.output), len(figure.joints), _servos(figure))
+    value = _exchanged(str(args.output), figure)
     return Returned(value, f"{args.output}: written, with {_counts(value)}")
 
 
@@ -93,16 +88,17 @@ def run_import(args: argparse.Namespace) -> Returned:
         file._replace(figure=figure).write(args.into)
     elif args.output is not None:
         named = tuple(ServoParameter(servo, 0, caption) for servo, caption in captions.items())
-        write_new(args, args.output, Project(servo_parameters=named), figure)
-    value = FigureImported(target and str(target), len(figure.joints), _servos(figure), warnings)
+        write_new(args, args.output, ProjectFile(Project(servo_parameters=named), figure=figure))
+    value = _exchanged(target and str(target), figure, warnings)
     read = f"{args.source}: {_counts(value)}"
     end = f"{target}: written" if target else "nothing was written; -o OUT or --into FILE does"
     return Returned(value, [read, *((one, "yellow") for one in warnings), end])
 
 
-def _servos(figure: Figure) -> int:
-    return sum(joint.servo is not UNSET for joint in figure.joints)
+def _exchanged(file: str | None, figure: Figure, warnings: Sequence[str] = ()) -> FigureExchanged:
+    servos = sum(joint.servo is not UNSET for joint in figure.joints)
+    return FigureExchanged(file, len(figure.joints), servos, warnings)
 
 
-def _counts(value: FigureExported | FigureImported) -> str:
+def _counts(value: FigureExchanged) -> str:
     return f"{counted(value.parts, 'part')}, {counted(value.servos, 'servo')}"

@@ -17,15 +17,7 @@ from servolink.cli.screen.result import CommandResult, Ending, Returned
 from servolink.cli.usage import usage_error
 from servolink.client import Board
 from servolink.errors import ProjectError
-from servolink.project import (
-    Figure,
-    Project,
-    ProjectFile,
-    load_project,
-    refuse_new_errors,
-    save_project,
-    validate_project,
-)
+from servolink.project import Project, ProjectFile, load_project, refuse_new_errors, save_project, validate_project
 from servolink.support import ExitCode, reason, write_atomically
 
 SOURCE = (option("source", "FILE", "a project file, or the address of a board, which is only read", not_empty),)
@@ -103,13 +95,13 @@ def write_edited(
     return Returned(edited, [*changes, f"{target}: {'written' if is_new else 'nothing to change'}"])
 
 
-def write_new(args: argparse.Namespace, target: Path, project: Project, figure: Figure | None = None) -> None:
-    """Write `project` to a new file, or to an existing file that `args` allows to replace.
+def write_new(args: argparse.Namespace, target: Path, file: ProjectFile) -> None:
+    """Write a new file, or replace an existing file if `args` allow it.
 
     Raise ProjectError if no board could store it, with captions in the encoding of `args`.
     """
-    _refuse_errors(args, project)
-    _write(args, target, project, ProjectFile(project, unchecked=False, figure=figure))
+    _refuse_errors(args, file.project)
+    _write(args, target, file.project, file)
 
 
 def write_bytes(args: argparse.Namespace, target: Path, content: bytes) -> None:
@@ -119,11 +111,6 @@ def write_bytes(args: argparse.Namespace, target: Path, content: bytes) -> None:
         write_atomically(target, content)
     except OSError as error:
         raise ProjectError(f"{target}: cannot be written: {reason(error)}") from error
-
-
-def _refuse_existing(args: argparse.Namespace, target: Path) -> None:
-    if target.exists() and not (args.force or getattr(args, "in_place", False)):
-        raise ProjectError(f"{target}: exists already; --force replaces it")
 
 
 def _edited(args: argparse.Namespace, before: Project) -> ProjectFile:
@@ -158,3 +145,8 @@ def _write(args: argparse.Namespace, target: Path, project: Project, like: Proje
     """Write `project` with the mark, the figure and the blocks of the file `like`."""
     _refuse_existing(args, target)
     save_project(target, project, unchecked=like.unchecked, figure=like.figure, blocks=like.blocks)
+
+
+def _refuse_existing(args: argparse.Namespace, target: Path) -> None:
+    if target.exists() and not (args.force or getattr(args, "in_place", False)):
+        raise ProjectError(f"{target}: exists already; --force replaces it")
