@@ -33,8 +33,9 @@ def stl_points(content: bytes) -> Points:
     return points
 
 
-def bounds(points: Points) -> tuple[Vector, Vector, int | None]:
-    """Return middle and size of the bounds of points, and the axis of the disc that they form, if they do."""
+def bounds(points: Points, scale: Vector) -> tuple[Vector, Vector, int | None]:
+    """Return middle and size of the bounds of scaled points, and the axis of the disc that they form, if they do."""
+    points = [[factor * number for number in each] for factor, each in zip(scale, points, strict=True)]
     ends = [(min(each), max(each)) for each in points]
     (x, u), (y, v), (z, w) = ends
     middle, size = ((x + u) / 2, (y + v) / 2, (z + w) / 2), (u - x, v - y, w - z)

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, NamedTuple
 from xml.etree import ElementTree as ET
 
 from servolink.errors import EncodeError, ProjectError, TwinError, quote
@@ -30,6 +30,8 @@ MOST_MESH_BYTES: Final = 16 * 1024 * 1024
 """Most bytes of all meshes of a file together."""
 MOST_ELEMENTS: Final = 20_000
 MOST_LEVELS: Final = 32
+MOST_LINKS: Final = 65
+"""Most links of a figure of 64 parts, with a root link that is only a frame."""
 LONGEST_TEXT: Final = 1000
 """Most characters of an attribute."""
 
@@ -38,14 +40,13 @@ _KNOWN = {
     "link": {"visual", "collision", "inertial"},
     "joint": {"origin", "parent", "child", "axis", "limit", "mimic", "servolink"},
 }
-_FIGURE_AXES: tuple[Literal["x", "y", "z"], ...] = ("z", "x", "y")  # in the order of x, y and z of a URDF
 _TURNING = {"revolute", "continuous"}
 _LONGEST_NAME = 56  # of 64 characters, with room for a number or "_mount"
 _MOST_TOUCHING = 256  # pairs of a figure
 _CAPTION = 32  # bytes
 _MILLIMETRE, _DEGREE = 1e-3, math.pi / 180
 _PARALLEL = 1 - 1e-12  # cosine between two axes that count as one
-_ALIGNED = 1e-6  # part of a direction across an axis that counts as along the axis
+_ALIGNED = 2e-3  # how far a direction may be from an axis: many files have 1.57 for a right angle
 
 
 class UrdfFigure(NamedTuple):
@@ -102,7 +103,7 @@ def _parsed(content: bytes) -> ET.Element:
         root: ET.Element = parser.close()
     except DTDForbidden as error:
         raise ProjectError("declares a document type, which can hide files and bombs; delete <!DOCTYPE ...>") from error
-    except ProjectError:
+    except ProjectError:  # of the builder
         raise
     except (ET.ParseError, LookupError, ValueError) as error:  # the last two: encodings
         raise ProjectError(f"is not XML: {error}") from error
@@ -120,6 +121,8 @@ class _UrdfReader:
         self._points: dict[Path, Points] = {}
         self._warnings: list[str] = []
         self._links, self._joints = _by_name(root, "link"), _by_name(root, "joint")
+        if len(self._links) > MOST_LINKS:
+            raise ProjectError(f"has {len(self._links):,} links, and a figure takes at most {MOST_LINKS}")
         self._above: dict[str, ET.Element] = {}
         """Joint that holds each link."""
         for name, joint in self._joints.items():
@@ -137,8 +140,8 @@ class _UrdfReader:
         if len(roots) > 1:
             names = ", ".join(map(quote, roots[:4]))
             raise ProjectError(f"has {len(roots):,} links without a parent ({names}), and a robot has one")
-        children = ((each.tag, one.tag) for each in self._root.iter() for one in each)
-        left_out = Counter(tag for above, tag in children if tag not in _KNOWN.get(above, {tag}))
+        elements = (self._root, *self._links.values(), *self._joints.values())
+        left_out = Counter(one.tag for each in elements for one in each if one.tag not in _KNOWN[each.tag])
         for tag, number in left_out.most_common(20):
             self._warnings.append(f"left out, as a figure has nothing like it: {number} {quote(f'<{tag}>')}")
         if roots and not _KNOWN["link"] & {one.tag for one in self._links[roots[0]]}:
@@ -172,6 +175,13 @@ class _UrdfReader:
             self._warnings.append(f"the twin cannot have this robot: {error}")
         return Figure.from_json(form)
 
+    def _way(self, link: str) -> list[int]:
+        """Return the places in the file of the links from the root to a link."""
+        order, way = [*self._links], [link]
+        while way[-1] in self._above and len(way) < MOST_LINKS:  # a circle is refused later
+            way.append(self._parent(way[-1]))
+        return [order.index(one) for one in reversed(way)]
+
     def _parent(self, link: str) -> str:
         return _attribute(self._above[link].find("parent"), "link")
 
@@ -182,9 +192,11 @@ class _UrdfReader:
         return link
 
     def _numbered(self) -> dict[str, int]:
-        """Return the servo of each joint that a servo turns: as the file says, or the next one that is left."""
+        """Return the servo of each joint that a servo turns: as the file says, or the next one, limb by limb."""
         servos: dict[str, int | None] = {}
-        for name, joint in self._joints.items():
+        for link in sorted(self._above, key=self._way):
+            joint = self._above[link]
+            name = _attribute(joint, "name")
             if joint.get("type") in _TURNING and joint.find("mimic") is None:
                 text = _attribute(joint.find("servolink"), "servo")
                 servos[name] = int(text) if re.fullmatch("[0-9]{1,3}", text, re.ASCII) else None
@@ -192,7 +204,7 @@ class _UrdfReader:
         if len(set(given)) < len(given):
             raise ProjectError("two joints have the same servo")
         if len(given) < len(servos):
-            self._warnings.append("servos are numbered in the order of the joints in the file; see to it that they fit")
+            self._warnings.append("servos are numbered limb by limb, from the root; see to it that they fit the robot")
         left = (number for number in count(1) if number not in given)
         return {name: next(left) if servo is None else servo for name, servo in servos.items()}
 
@@ -238,8 +250,8 @@ class _UrdfReader:
             leader, factor = self._servos.get(_attribute(mimic, "joint")), _number(mimic, "multiplier", 1)
             if leader is not None and abs(factor) == 1:
                 return times(factor, axis), factor * _number(mimic, "offset"), {"follows": leader}
-            what = "copies a joint without a servo" if leader is None else f"copies {factor:g} times another joint"
-            self._warnings.append(f"joint {quote(name)} {what}, which is not supported, and is fixed here")
+            what = "a joint without a servo" if leader is None else f"{factor:g} times another joint"
+            self._warnings.append(f"joint {quote(name)} copies {what}, which is not supported, and is fixed here")
             return None
         low, high = (_number(limit, field, end) for field, end in (("lower", -math.pi), ("upper", math.pi)))
         if kind == "continuous" or limit is None:
@@ -291,9 +303,7 @@ class _UrdfReader:
             return middle, times(2 * radius, (1, 1, 1)), None
         if tag != "mesh":
             raise ValueError(f"a figure has nothing like {quote(f'<{tag}>')}")
-        middle, size, along = bounds(self._mesh(_attribute(geometry, "filename")))
-        scale = _vector(geometry, "scale", (1, 1, 1))
-        return _product(middle, scale), _product(size, (abs(scale[0]), abs(scale[1]), abs(scale[2]))), along
+        return bounds(self._mesh(_attribute(geometry, "filename")), _vector(geometry, "scale", (1, 1, 1)))
 
     def _mesh(self, name: str) -> Points:
         """Return the points of a mesh. Raise OSError or ValueError with the reason."""
@@ -387,7 +397,3 @@ def _tidy(number: float, unit: float) -> float:
 def _within(field: str, number: float, low: float, high: float) -> dict[str, Any]:
     """Return a field of a joint; without it, if the number is outside the range."""
     return {field: number} if low <= number <= high else {}
-
-
-def _product(one: Vector, other: Vector) -> Vector:
-    return one[0] * other[0], one[1] * other[1], one[2] * other[2]

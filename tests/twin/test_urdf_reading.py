@@ -147,7 +147,7 @@ def test_what_is_not_supported_is_named(tmp_path: Path) -> None:
         "joint 't' copies 2 times another joint, which is not supported, and is fixed here",
         "left out, as a figure has nothing like it: 2 '<gazebo>'",
         "link 't': shape '' is left out: a figure has nothing like '<capsule>'",
-        "servos are numbered in the order of the joints in the file; see to it that they fit",
+        "servos are numbered limb by limb, from the root; see to it that they fit the robot",
     ]
 
 
@@ -157,6 +157,19 @@ def test_a_joint_that_copies_the_opposite_follows(tmp_path: Path) -> None:
     one = found.joints[2]
     assert (one.follows, one.axis, one.sign) == (1, "z", -1)
     assert one.offset == pytest.approx(math.degrees(0.5)), "-(angle) + 0.5 about the axis"
+
+
+def test_servos_are_numbered_from_the_root_limb_by_limb(tmp_path: Path) -> None:
+    joints = [joint("tip", "b", "d"), joint("knee", "c", "e"), joint("hip", "a", "b"), joint("neck", "a", "c")]
+    assert read(tmp_path, robot(*map(link, "abcde"), *joints)).captions == {1: "hip", 2: "tip", 3: "neck", 4: "knee"}
+
+
+@pytest.mark.parametrize("angle", ["1.57", "1.5708", "-1.57079632679"])
+def test_what_is_nearly_a_right_angle_counts_as_one(angle: str, tmp_path: Path) -> None:
+    wheel = f'<visual><origin rpy="0 {angle} 0"/><geometry><cylinder radius="0.1" length="0.02"/></geometry></visual>'
+    found = read(tmp_path, robot(link("a", wheel)))
+    [shape] = found.figure.joints[0].shapes or ()
+    assert (shape.disc, shape.axis, found.warnings) == ((100, 20), "z", [])
 
 
 def box_corners(*size: float) -> list[Vertex]:
@@ -233,6 +246,7 @@ def test_no_other_mesh_is_read(name: str, content: bytes, reason: str, tmp_path:
     assert np.any([one in warning for one in reason.split("|")]), warning
 
 
+TILT = '<origin rpy="1 0 0"/><axis xyz="0 0 1"/>'
 BOMB = "".join(f'<!ENTITY a{at} "{f"&a{at - 1};" * 10}">' for at in range(1, 9))
 HOSTILE: dict[str, tuple[str | bytes, str]] = {
     "billion laughs": (f'<!DOCTYPE r [<!ENTITY a0 "x">{BOMB}]>{robot(link("&a8;"))}', "document type"),
@@ -270,7 +284,14 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
         chain("revolute", "revolute").replace("</joint>", '<servolink servo="7"/></joint>'),
         "two joints have the same servo",
     ),
-    "too many parts": (robot(link("a"), *(link(f"l{n}") + joint(f"j{n}", "a", f"l{n}") for n in range(99))), "64"),
+    "too many parts": (
+        robot(link("a"), *(link(f"l{n}") + joint(f"j{n}", "a", f"l{n}") for n in range(99))),
+        "has 100 links",
+    ),
+    "too many parts with mounts": (
+        robot(link("a"), *(link(f"l{n}") + joint(f"j{n}", "a", f"l{n}", TILT) for n in range(40))),
+        "64",
+    ),
     "controls in names": (robot(link("a\tb&#x202e;"), link("c")), r"\('a b\\u202e', 'c'\)"),
 }
 
