@@ -46,7 +46,9 @@ WITHOUT = {
     "complete": "prints words for a shell",
     "project schema": "prints a JSON Schema",
     "remote": "needs a terminal",
-    **dict.fromkeys(("action", "macro", "table", "servo", "project", "twin", "firmware", "fleet"), "has subcommands"),
+    **dict.fromkeys(
+        ("action", "macro", "table", "servo", "project", "twin", "figure", "firmware", "fleet"), "has subcommands"
+    ),
 }
 """Commands without JSON of their own, with the reason."""
 
