@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.errors import ProjectError
-from servolink.project import Figure, ProjectFile
+from servolink.project import Figure, ProjectFile, Shape
 from servolink.twin.body import Body
 from servolink.twin.simulation import Physics
 from servolink.twin.urdf import to_urdf
@@ -58,6 +58,13 @@ def read(folder: Path, text: str | bytes) -> UrdfFigure:
     path = folder / "robot.urdf"
     path.write_bytes(text if isinstance(text, bytes) else text.encode("utf-8", "surrogatepass"))
     return read_urdf(path)
+
+
+def only_shape(found: UrdfFigure) -> Shape:
+    """Return the shape of the only part."""
+    shapes = found.figure.joints[0].shapes or ()
+    assert len(shapes) == 1
+    return shapes[0]
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -168,7 +175,7 @@ def test_servos_are_numbered_from_the_root_limb_by_limb(tmp_path: Path) -> None:
 def test_what_is_nearly_a_right_angle_counts_as_one(angle: str, tmp_path: Path) -> None:
     wheel = f'<visual><origin rpy="0 {angle} 0"/><geometry><cylinder radius="0.1" length="0.02"/></geometry></visual>'
     found = read(tmp_path, robot(link("a", wheel)))
-    [shape] = found.figure.joints[0].shapes or ()
+    shape = only_shape(found)
     assert (shape.disc, shape.axis, found.warnings) == ((100, 20), "z", [])
 
 
@@ -203,13 +210,13 @@ def meshed(folder: Path, content: bytes, name: str = "part.stl", more: str = "")
 @pytest.mark.parametrize("form", [stl, stl_text])
 def test_a_mesh_becomes_a_box(name: str, form: Any, tmp_path: Path) -> None:
     found = meshed(tmp_path, form(box_corners(10, 20, 30)), name, 'scale="0.001 0.001 0.002"')
-    [shape] = found.figure.joints[0].shapes or ()
+    shape = only_shape(found)
     assert found.warnings == []
     assert shape.box == pytest.approx((20, 60, 10), rel=1e-6), "in a figure, y is up"
 
 
 def test_a_round_mesh_becomes_a_disc(tmp_path: Path) -> None:
-    [shape] = meshed(tmp_path, stl(circle(0.02, 0.01)), "meshes/part.stl").figure.joints[0].shapes or ()
+    shape = only_shape(meshed(tmp_path, stl(circle(0.02, 0.01)), "meshes/part.stl"))
     assert shape.disc == pytest.approx((20, 10), rel=1e-3)
     assert shape.axis == "z"
     assert shape.at == pytest.approx((0, 0, 5), abs=1e-3)
