@@ -428,6 +428,8 @@ class Board:
         Raises:
             TargetNotReached: A servo has not arrived a second after the planned end.
             OutcomeUnknown: The board does not answer during the movement.
+            RequestRefused: A stop ended the movement.
+            ConnectionLost: The connection was lost meanwhile.
         """
         return self._servos.follow(targets, as_number(seconds), settle=settle)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncGenerator, Callable, Hashable, Iterable, Mapping
-from contextlib import suppress
+from contextlib import aclosing, suppress
 from functools import partial
 
 from msgspec.structs import replace
@@ -27,6 +27,7 @@ from servolink.errors import (
     Rejected,
     RequestRefused,
     RequestTimeout,
+    TargetNotReached,
     TransportError,
     quote,
 )
@@ -237,11 +238,23 @@ class ServoController:
         self, targets: Targets, seconds: float, *, settle: bool = False
     ) -> AsyncGenerator[tuple[Servo, ...], None]:
         """Yield readings until the servos have arrived (see `Board.follow`)."""
+        ticket = self._session.ticket()
         angles = checked_targets(await self.all.targets_by_id(targets))
         await self.units.ensure()
         goals = self.planner.goals(angles, self.units.of)
-        async for servos in until_arrived(self.servos, goals, seconds, settle=settle):
-            yield servos
+        try:
+            async with aclosing(until_arrived(self.servos, goals, seconds, settle=settle)) as readings:
+                async for servos in readings:
+                    self._check_not_stopped(ticket)
+                    yield servos
+        except (TargetNotReached, OutcomeUnknown):
+            self._check_not_stopped(ticket)
+            raise
+
+    def _check_not_stopped(self, ticket: Ticket) -> None:
+        """Raise the error of a motion that a stop or a loss has ended. A lease is not asked: others may look on."""
+        if not self._session.connection.stops.holds(ticket):
+            self._session.check_goes_on("the motion", ExecuteActionRequest(), ticket)
 
     async def until_at_rest(self, angles: Mapping[int, int], seconds: float, check: Callable[[], None]) -> None:
         """Wait for `seconds`, and until servos rest at `angles`, in the unit of each servo (see `until_over`)."""

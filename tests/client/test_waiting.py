@@ -121,6 +121,20 @@ def test_a_stalled_loop_does_not_take_servos_on_their_way_for_stuck_ones() -> No
     used(use)
 
 
+def test_a_stop_ends_following() -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
+        seconds = await board.move({1: 90}, duration=5.0)
+        began, angles = now(), []
+        with pytest.raises(RequestError, match=r"^the motion was started, and then ended by a stop$"):
+            async for servos in board.follow({1: 90}, seconds):
+                angles.append(servos[0].angle)
+                if now() >= began + 1.0:
+                    await board.stop()
+        assert (0 < angles[-1] < 45, now() - began < 1.5) == (True, True)
+
+    used(use)
+
+
 def test_a_stop_ends_it() -> None:
     async def use(board: Board, fake: PipedBoard) -> None:
         waiting = asyncio.ensure_future(board.run_macro("long", wait=True))
