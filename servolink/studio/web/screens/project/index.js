@@ -18,6 +18,7 @@ import {
   readBackups,
   rollBack,
 } from "../../state/plan.js";
+import { differencesOf } from "../../state/differences.js";
 import { differences, draft, reread } from "../../state/project.js";
 import { isLive, isOthers, welcome } from "../../state/robot.js";
 import { said } from "../../texts/said.js";
@@ -161,7 +162,9 @@ function Outcome({ link, isUnfinished }) {
       <button class="btn s" disabled=${!isLive.value} onClick=${() => rollBack(link, null)}><${Icon} name="rollback" />${t("project.roll_back")}</button>
     </${Note}></div>`;
   }
-  if (state === "none" || (of !== null && of !== draft.value)) return null; // or edited since
+  // A board that is read once more gives an equal draft.
+  const isEditedSince = of !== null && draft.value !== null && differencesOf(of, draft.value).length > 0;
+  if (state === "none" || isEditedSince) return null;
   const title = t(state === "written" ? "project.written" : "project.rolled_back");
   const backup = /(\d{6,})-\d{8}T/.exec(text)?.[1];
   const detail =
