@@ -124,6 +124,7 @@ def test_after_one_visit_the_page_needs_no_server_and_outlasts_the_browser(
         assert foreign == []
 
 
+@pytest.mark.slow
 def test_drafts_outlast_the_tab_and_the_browser(url: str, browser: Any, tmp_path: Path) -> None:
     def edited(page: Any) -> Any:
         page.goto(f"{url}#actions")
@@ -142,6 +143,7 @@ def test_drafts_outlast_the_tab_and_the_browser(url: str, browser: Any, tmp_path
         expect(edited(own.new_page())).to_have_value("0.90 s", timeout=START)
 
 
+@pytest.mark.slow
 def test_a_newer_version_is_offered_and_kept(built: tuple[Path, str], browser: Any, tmp_path: Path) -> None:
     folder = shutil.copytree(built[0], tmp_path / "page")
     with served(folder) as port:
@@ -190,6 +192,7 @@ def test_the_service_worker_knows_exactly_the_files_of_the_folder(built: tuple[P
     }
 
 
+@pytest.mark.slow
 def test_kept_files_come_with_the_policy(built: tuple[Path, str], url: str, browser: Any) -> None:
     page = browser.new_page()
     visit(page, url)
@@ -218,6 +221,7 @@ def test_nothing_moves_in_a_frame_of_another_site(built: tuple[Path, str], url: 
     assert (inside.get_by_role("button").count(), page.workers) == (0, [])
 
 
+@pytest.mark.slow
 def test_an_address_without_https_is_said_in_a_sentence(url: str, browser: Any) -> None:
     page = browser.new_page()
     page.goto(url.replace("127.0.0.1", OF_OTHERS))
