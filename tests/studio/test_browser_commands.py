@@ -1,13 +1,16 @@
 """Every command of the document from the page: what a person does with the mouse reaches the board as frames.
 
 Frames are read from the line between studio and board, and the commands from the table in `tests/data/vectors.json`.
+The board is behind a studio's server, or at a port of the browser that has the whole studio, on a bad line too.
 """
 
 from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +22,8 @@ from servolink.project import load_project
 from tests.processes import until
 from tests.studio.board_program import BoardProgram
 from tests.studio.browser import DEMO, in_browser, opened, running, show
+from tests.studio.page_server import PATIENT, SERIAL, PageServer
+from tests.studio.test_browser_ports import START, connect
 from tests.studio.wire import Wire, wire_to
 
 pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
@@ -40,30 +45,68 @@ class Place(NamedTuple):
     page: Any
     wire: Wire
     board: sync.Board
+    is_at_port: bool
 
     def button(self, name: str) -> Any:
         """Return the button of this name."""
         return self.page.get_by_role("button", name=name, exact=True)
 
 
-@pytest.fixture(scope="module")
-def place(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+DOORS = [
+    "server",
+    *(
+        pytest.param(door, marks=[pytest.mark.slow, pytest.mark.skipif(shutil.which("npm") is None, reason="no npm")])
+        for door in ("port", "port on a bad line")
+    ),
+]
+"""Ways from the page to the board: a studio's server, or a serial port of the browser."""
+_BAD_LINE = "drop=0.0001,flip=0.0001"  # of all bytes: one response of many servos in ten
+
+
+@pytest.fixture(scope="module", params=DOORS)
+def place(request: pytest.FixtureRequest, chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     """A studio on a board with the demo content. The folders of the user are those of this module alone."""
     folder = tmp_path_factory.mktemp("commands")
     runtime = folder / "runtime"
     runtime.mkdir(mode=0o700)
-    with pytest.MonkeyPatch.context() as patch:
+    with ExitStack() as stack:
+        patch = stack.enter_context(pytest.MonkeyPatch.context())
         patch.setenv("XDG_RUNTIME_DIR", str(runtime))
         patch.setenv("XDG_DATA_HOME", str(folder / "data"))
         patch.setenv("XDG_CONFIG_HOME", str(folder / "config"))
-        program = BoardProgram(folder, "--servos", "16")
-        with wire_to(program.url) as wire, running("studio", "--board", wire.url) as url:
+        faults = ("--faults", _BAD_LINE) if "bad line" in request.param else ()
+        program = BoardProgram(folder, "--servos", "16", *faults)
+        stack.callback(program.kill)
+        wire = stack.enter_context(wire_to(program.url))
+        if request.param == "server":
+            url = stack.enter_context(running("studio", "--board", wire.url))
             [hub] = running_hubs()
-            with sync.connect(hub.url) as board:
-                board.apply_project(load_project(DEMO), backup=False)
-                with opened(chromium, url) as page:
-                    yield Place(page, wire, board)
-        program.kill()
+            board = stack.enter_context(sync.connect(hub.url))
+            board.apply_project(load_project(DEMO), backup=False)
+            page = stack.enter_context(opened(chromium, url))
+        else:
+            board = stack.enter_context(sync.connect(program.url))
+            board.apply_project(load_project(DEMO), backup=False)
+            built, _ = request.getfixturevalue("built")
+            page = stack.enter_context(_at_port(chromium, built, wire.url))
+        yield Place(page, wire, board, request.param != "server")
+
+
+@contextmanager
+def _at_port(chromium: Any, built: Path, board_url: str) -> Iterator[Any]:
+    """Yield a page without a server that is connected to the board at its port."""
+    server = PageServer(built, board_url)
+    context = chromium.new_context(viewport={"width": 1440, "height": 900})
+    page = context.new_page()
+    page.add_init_script(SERIAL)
+    page.add_init_script(PATIENT)
+    page.goto(f"{server.url}#board")
+    try:
+        connect(page)
+        yield page
+    finally:
+        context.close()
+        server.close()
 
 
 def read_again(place: Place) -> None:
@@ -73,6 +116,8 @@ def read_again(place: Place) -> None:
 
 def reload(place: Place) -> None:
     place.page.reload()
+    if place.is_at_port:
+        place.page.get_by_text("webserial://1a86:7523").first.wait_for(timeout=START)
     show(place.page, "Live")
 
 
@@ -291,7 +336,7 @@ GESTURES: dict[int, Callable[[Place], None]] = {
     30070: add_macro,
     30080: delete_macro,
     30090: run_macro,
-    30100: reload,
+    30100: read_again,
     30110: name_and_trim,
     30120: write_project_id,
     30130: read_settings,

@@ -14,7 +14,7 @@ from servolink.protocol import ALL_SERVOS, Codec, ExecuteActionRequest, SetServo
 from tests.processes import until
 from tests.studio.board_program import BoardProgram
 from tests.studio.browser import in_browser
-from tests.studio.page_server import SERIAL, PageServer
+from tests.studio.page_server import PATIENT, SERIAL, PageServer
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
@@ -25,12 +25,6 @@ START = 240_000  # milliseconds for Python to start in the page, on the slowest 
 STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
 MOVE = ExecuteActionRequest((Step(1, 60, 100),))
 SOON = 1.0  # seconds: 0.1 on an idle machine; a worker that is busy would take five
-# A busy machine may keep a page from its beats for a while; that the robot is stopped then is a test of its own.
-PATIENT = """Worker.prototype.postMessage = (original => function (message, ...more) {
-  const text = Array.isArray(message) ? message[2] : "";
-  if (typeof text === "string") message[2] = text.replace('"dead_man":0.35', '"dead_man":30');
-  return original.call(this, message, ...more);
-})(Worker.prototype.postMessage)"""
 
 
 @pytest.fixture

@@ -60,15 +60,16 @@ class Wire:
                 self._ends += [host, board]
                 self._host = host
                 threading.Thread(target=self._carry, args=(host, board, self.sent), daemon=True).start()
-                threading.Thread(target=self._carry, args=(board, host, []), daemon=True).start()
+                threading.Thread(target=self._carry, args=(board, host, None), daemon=True).start()
 
     @staticmethod
-    def _carry(source: socket.socket, target: socket.socket, found: list[Frame]) -> None:
+    def _carry(source: socket.socket, target: socket.socket, found: list[Frame] | None) -> None:
         rest = b""
         with suppress(OSError):
             while data := source.recv(65536):
                 target.sendall(data)
-                rest = _take(rest + data, found)
+                if found is not None:  # a bad line gives more than frames to the host
+                    rest = _take(rest + data, found)
         for end in (source, target):
             with suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)
