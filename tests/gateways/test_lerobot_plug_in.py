@@ -169,7 +169,8 @@ def test_a_leader_arm_is_released_and_names_the_servos_of_its_robot(plug_in: Any
 
 def test_a_leader_arm_goes_to_the_robot_before_a_person_takes_over(plug_in: Any) -> None:
     """What LeRobot's `teleop_supports_feedback` asks, and what its `teleop_smooth_move_to` does."""
-    config = plug_in.ServolinkLeaderConfig(board="virtual://?servos=2", servos=[1, 2], follower=[5, 6])
+    ids = {"servos": [1, 2], "follower": [5, 6]}
+    config = plug_in.ServolinkLeaderConfig(board="virtual://?servos=2", **ids, may_move=True)
     leader = plug_in.ServolinkLeader(config)
     assert leader.feedback_features == leader.action_features
     leader.connect()
@@ -194,7 +195,7 @@ def test_a_leader_arm_goes_to_the_robot_before_a_person_takes_over(plug_in: Any)
 
 
 def test_a_leader_arm_that_may_not_move_is_never_turned(plug_in: Any) -> None:
-    config = plug_in.ServolinkLeaderConfig(board="virtual://?servos=1", servos=[1], may_move=False)
+    config = plug_in.ServolinkLeaderConfig(board="virtual://?servos=1", servos=[1])
     leader = plug_in.ServolinkLeader(config)
     assert leader.feedback_features == {}
     leader.connect()

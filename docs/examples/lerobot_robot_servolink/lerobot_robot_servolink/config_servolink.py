@@ -32,7 +32,7 @@ class ServolinkLeaderConfig(TeleoperatorConfig):  # type: ignore[misc,unused-ign
     servos: list[int]
     follower: list[int] = field(default_factory=list)
     """Ids of the robot's servos in the same order, if they differ."""
-    may_move: bool = True
+    may_move: bool = False
     """Whether LeRobot may turn the arm to the robot's pose before a person takes over."""
     speed_cap: float = 90.0
     """Highest speed of that, in degrees per second, beside the limits in the profile of the arm's board."""
