@@ -20,7 +20,7 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 78_965,
+    "lines": 79_400,
     "files": 472,
     "names that cross rooms": 607,
     "own imports of a file, median": 5,
