@@ -125,11 +125,15 @@ def test_a_stop_ends_following() -> None:
     async def use(board: Board, fake: PipedBoard) -> None:
         seconds = await board.move({1: 90}, duration=5.0)
         began, angles = now(), []
-        with pytest.raises(RequestError, match=r"^the motion was started, and then ended by a stop$"):
+
+        async def followed() -> None:
             async for servos in board.follow({1: 90}, seconds):
                 angles.append(servos[0].angle)
                 if now() >= began + 1.0:
                     await board.stop()
+
+        with pytest.raises(RequestError, match=r"^the motion was started, and then ended by a stop$"):
+            await followed()
         assert (0 < angles[-1] < 45, now() - began < 1.5) == (True, True)
 
     used(use)
