@@ -162,16 +162,13 @@ function Outcome({ link, isUnfinished }) {
       <button class="btn s" disabled=${!isLive.value} onClick=${() => rollBack(link, null)}><${Icon} name="rollback" />${t("project.roll_back")}</button>
     </${Note}></div>`;
   }
-  // A board that is read once more gives an equal draft.
-  const isEditedSince = of !== null && draft.value !== null && differencesOf(of, draft.value).length > 0;
-  if (state === "none" || isEditedSince) return null;
-  const title = t(state === "written" ? "project.written" : "project.rolled_back");
+  if (state === "none" || (of && draft.value && differencesOf(of, draft.value).length > 0)) return null; // edited since
   const backup = /(\d{6,})-\d{8}T/.exec(text)?.[1];
   const detail =
     backup === undefined
       ? t("project.written_detail")
       : `${t("project.written_detail")} ${t("project.kept_as", { number: Number(backup) })}`;
-  return html`<div class="pad0"><${Note} kind="ok" title=${title} detail=${detail} /></div>`;
+  return html`<div class="pad0"><${Note} kind="ok" title=${t(state === "written" ? "project.written" : "project.rolled_back")} detail=${detail} /></div>`;
 }
 
 // Checks before writing: records that the board would refuse, oddities, and memory left.
