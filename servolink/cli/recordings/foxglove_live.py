@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 from contextlib import AsyncExitStack
-from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import SPEED, file_path, listening, new_file, number
 from servolink.cli.command import RECORDINGS, Command, flag, option
@@ -15,15 +14,12 @@ from servolink.cli.screen.result import show_served
 from servolink.cli.screen.terminal import can_ask, confirm_motion
 from servolink.cli.together.language_models import SPEED_CAP, log_line
 from servolink.cli.usage import usage_error
+from servolink.gateways import Supervisor, supervised
 from servolink.hub import hub_of_board
 from servolink.project import ProjectFile
 from servolink.recorder import Recording
 from servolink.support import ExitCode
 from servolink.transports import NetworkPlace
-
-if TYPE_CHECKING:
-    from servolink.gateways import Supervisor
-    from servolink.gateways.foxglove import LiveChannels
 
 
 @Command(
@@ -82,22 +78,15 @@ async def run(args: argparse.Namespace, interruption: Interruption) -> int:
         if recording is not None:
             await channels.follow_recording(recording, args.speed)
             await asyncio.Event().wait()
-        await _follow(hub, channels)
+        await channels.follow_hub(hub)
+        print_error(f"servolink: the hub {hub} has ended")
     return ExitCode.OK
 
 
 async def _board(args: argparse.Namespace, stack: AsyncExitStack) -> tuple[Supervisor | None, str]:
     """Return the supervisor of motions, if they are allowed, and the name of the hub of the board."""
-    from servolink.gateways import supervised
-
     hub = await stack.enter_async_context(hub_of_board(args.url, **connection_options(args)))
     if not args.allow_motion:
         return None, hub
     watched = supervised(hub, may_move=True, speed_cap=args.speed_cap, log=log_line)
     return await stack.enter_async_context(watched), hub
-
-
-async def _follow(hub: str, channels: LiveChannels) -> None:
-    """Show what the hub tells, until the hub has ended."""
-    await channels.follow_hub(hub)
-    print_error(f"servolink: the hub {hub} has ended")

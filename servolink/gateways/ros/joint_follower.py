@@ -1,0 +1,232 @@
+"""Motions for ROS: the newest trajectory is checked, and followed by set-points, until its end or that of its sender.
+
+Nothing here imports ROS. What is heard there comes from another thread, and waits in a place for one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
+from typing import Any, Final, NamedTuple
+
+import msgspec
+from msgspec import Raw
+
+from servolink.client import Board, ServoReading, ServoStream
+from servolink.control import ProblemNotice, StoppedNotice
+from servolink.doctor import Finding
+from servolink.errors import MotionRefused, ServolinkError, escape
+from servolink.gateways.ros.trajectories import RosJoint, Trajectory, read_trajectory, wait_for
+from servolink.motion import Degrees
+
+HZ: Final = 50.0
+"""Set-points and readings a second."""
+
+_RECENT = 10.0  # seconds for which a refusal or a problem is a warning
+_BETWEEN_LINES = 1.0  # seconds between two lines of the log about refusals
+
+
+class RosStatus(NamedTuple):
+    """Row of the diagnostics."""
+
+    name: str
+    level: int
+    """0 good, 1 a warning, 2 an error."""
+    text: str
+    values: Mapping[str, object] = {}
+
+
+class _Heard(NamedTuple):
+    """Trajectory as received, with the stream that a stop since then has ended."""
+
+    data: bytes
+    sender: bytes
+    at: float
+    """When it came, on the clock of the event loop."""
+    stream: ServoStream
+
+
+class JointFollower:
+    """Follower of the newest trajectory. `hear` may be called on any thread, all else on that of the event loop."""
+
+    def __init__(
+        self, board: Board, joints: Mapping[str, RosJoint], decode: Callable[[bytes], Any], log: Callable[[str], None]
+    ) -> None:
+        """Move `board`. `decode` returns the message in bytes, or raises an error of any kind."""
+        self.joints = joints
+        self.outlive = False
+        """Whether a motion goes on when the program that sent its trajectory is gone."""
+        self.refused = 0
+        """Number of trajectories that were refused."""
+        self._board = board
+        self._decode = decode
+        self._log = log
+        self._loop = asyncio.get_running_loop()
+        self._newest: deque[tuple[bytes, bytes, float]] = deque(maxlen=1)  # data, sender and time
+        self._is_waking = False
+        self._has_newest = asyncio.Event()
+        self._checked: _Heard | None = None
+        self._followed: _Heard | None = None
+        self._motion: asyncio.Task[None] | None = None
+        self._stopped = RosStatus("guard", 0, "no stop since the last motion")
+        self._trouble: dict[str, tuple[float, str]] = {}  # time and text of the latest refusal and problem
+        self._logged = -_BETWEEN_LINES
+
+    # --- heard on another thread
+
+    def hear(self, data: bytes, sender: bytes) -> None:
+        """Take a trajectory in place of any other that waits; `sender` identifies its publisher."""
+        self._newest.append((data, sender, self._loop.time()))
+        if not self._is_waking:
+            self._is_waking = True
+            self._loop.call_soon_threadsafe(self._wake)
+
+    def _wake(self) -> None:
+        self._is_waking = False
+        self._has_newest.set()
+
+    # --- on the event loop
+
+    async def follow(self) -> None:
+        """Obey what is heard, until cancelled; the servos then keep their latest set-points."""
+        try:
+            while True:
+                await self._has_newest.wait()
+                self._has_newest.clear()
+                with suppress(IndexError):  # a stop has emptied it
+                    await self._obey(_Heard(*self._newest.pop(), self._board.stream(HZ)))
+        finally:
+            self._end("")
+
+    def left(self, senders: Collection[bytes] | None) -> None:
+        """End what was sent by others than `senders`, the publishers that are left; None: by all."""
+        if self.outlive:
+            return
+        for heard in (self._checked, self._followed):
+            if heard is not None and (senders is None or heard.sender not in senders):
+                self._end("the motion was ended, as the program that sent the trajectory is gone")
+
+    async def stop(self) -> str:
+        """Stop all servos, and return what was done. Raise OutcomeUnknown without a report of all servos."""
+        self._newest.clear()
+        self._end("")
+        await self._board.stop()
+        self._log("stop of all servos")
+        return "all servos are stopped and held"
+
+    async def start(self) -> str:
+        """Hold and start all servos after a stop, and return what was done. Raise ServolinkError if refused."""
+        await self._board.set_servo("all", start=True, hold=True)
+        return "all servos are held and started"
+
+    def hear_hub(self, method: str, params: Raw) -> None:
+        """Take a notification of the hub: a stop, the guard's too, and problems."""
+        if method == "stopped":
+            notice = msgspec.json.decode(params, type=StoppedNotice)
+            text = f"{escape(notice.by or 'the hub')} has stopped all servos: {escape(notice.reason)}"
+            self._stopped = RosStatus("guard", 1 if notice.stalled is None else 2, text)
+            self._end(text)
+        elif method == "problem":
+            self._note("problem", escape(msgspec.json.decode(params, type=ProblemNotice).text))
+
+    def statuses(self, reading: ServoReading | None, findings: Collection[Finding]) -> Iterator[RosStatus]:
+        """Yield the diagnostics: board, motion, guard, each joint, and what doctor has found."""
+        now, stats = self._loop.time(), self._board.stats
+        counts = {"timeouts": stats.timeouts, "retries": stats.retries, "noise in bytes": stats.noise}
+        is_late = reading is None or now - reading.seconds > 1.0
+        yield RosStatus("board", 2 if is_late else 0, "no readings of the servos" if is_late else "answers", counts)
+        texts = {what: text for what, (at, text) in self._trouble.items() if now - at < _RECENT}
+        activity = "follows a trajectory" if self._followed else "idle"
+        yield RosStatus("motion", int(bool(texts)), "; ".join(texts.values()) or activity, {"refused": self.refused})
+        yield self._stopped
+        by_id = {} if reading is None else {servo.servo_id: servo for servo in reading.servos}
+        for name, joint in self.joints.items():
+            if (servo := by_id.get(joint.servo_id)) is None:
+                yield RosStatus(f"joint {name}", 2, "not reported")
+                continue
+            raw = {"angle": servo.angle, "current": servo.current, "temperature": servo.temperature}
+            yield RosStatus(f"joint {name}", int(servo.state != "ready"), escape(servo.state), raw)
+        for found in findings:
+            values = {"meaning": found.meaning, "remedy": found.remedy}
+            yield RosStatus(f"doctor: {found.check}", int(not found.is_harmless), escape(found.observation), values)
+
+    def angles_in(self, reading: ServoReading) -> dict[str, float]:
+        """Return the angles of a reading by joint, in radians, without those that cannot be true."""
+        angles = {servo.servo_id: servo.angle for servo in reading.servos if _is_angle(servo)}
+        return {
+            name: joint.radians(angles[joint.servo_id])
+            for name, joint in self.joints.items()
+            if joint.servo_id in angles
+        }
+
+    async def _obey(self, heard: _Heard) -> None:
+        """Check a trajectory, and follow it in place of the present one."""
+        self._checked = heard
+        try:
+            delay, trajectory = await asyncio.to_thread(self._read, heard.data)
+        except MotionRefused as error:
+            self._refuse(str(error))
+            return
+        finally:
+            is_wanted, self._checked = self._checked is heard, None
+        if is_wanted:
+            self._end("")
+            if trajectory is not None:
+                self._followed = heard
+                self._motion = self._loop.create_task(self._follow(heard, trajectory, delay))
+
+    def _read(self, data: bytes) -> tuple[float, Trajectory | None]:
+        try:
+            message = self._decode(data)
+        except Exception as error:  # what a library makes of bytes that are no message
+            raise MotionRefused(f"a message that is no trajectory was ignored: {escape(str(error))[:200]}") from error
+        stamp = message.header.stamp
+        trajectory = read_trajectory(message, self.joints, self._board.limits)
+        return wait_for(stamp.sec + stamp.nanosec * 1e-9, time.time()), trajectory
+
+    async def _follow(self, heard: _Heard, trajectory: Trajectory, delay: float) -> None:
+        """Send set-points to the end of a trajectory, each for the time at which the servos arrive there."""
+        try:
+            await asyncio.sleep(delay)
+            pose = {servo.servo_id: servo.angle for servo in await self._board.servos() if _is_angle(servo)}
+            if lacking := [each for each in trajectory.servo_ids if each not in pose]:
+                raise MotionRefused(f"the trajectory was not begun: servo {lacking[0]} reports no angle in degrees")
+            trajectory = trajectory.beginning_at(pose, self._board.limits)
+            begun, end, ahead = heard.at + delay, trajectory.seconds[-1], 0.0
+            self._stopped = self._stopped._replace(level=0)
+            while ahead < end:
+                ahead = min(self._loop.time() - begun + 1 / HZ, end)
+                await heard.stream.send(trajectory.at(ahead))
+            self._log(f"followed a trajectory for {end:.1f} s")
+        except ServolinkError as error:
+            self._refuse(str(error))
+        finally:
+            if self._motion is asyncio.current_task():
+                self._followed = self._motion = None
+
+    def _end(self, why: str) -> None:
+        """End the motion, and what is checked: no further set-point is sent."""
+        if why and (self._followed or self._checked):
+            self._note("motion", why)
+        motion, self._motion, self._followed, self._checked = self._motion, None, None, None
+        if motion is not None:
+            motion.cancel()
+
+    def _refuse(self, text: str) -> None:
+        self.refused += 1
+        self._note("refusal", text)
+
+    def _note(self, what: str, text: str) -> None:
+        """Show a text in the diagnostics, and log it unless lines would flood the log."""
+        now = self._loop.time()
+        self._trouble[what] = (now, text)
+        if now - self._logged >= _BETWEEN_LINES:
+            self._logged = now
+            self._log(f"{text} ({self.refused} refused so far)" if what == "refusal" else text)
+
+
+def _is_angle(servo: Any) -> bool:
+    return isinstance(servo.angle, Degrees) and not servo.doubt

@@ -1,0 +1,227 @@
+"""Node of ROS 2 on a thread of its own, between its executor and the event loop of a follower."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import Callable, Collection, Coroutine, Iterable, Mapping
+from threading import Thread
+from typing import Any, Final
+
+import rclpy
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Empty, String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from servolink.client import Board, ServoReading, connect
+from servolink.control import Greeting, open_channel, this_program
+from servolink.doctor import Finding, SystemFacts, checks_before_opening
+from servolink.errors import ServolinkError
+from servolink.gateways.ros.joint_follower import HZ, JointFollower, RosStatus
+from servolink.gateways.ros.trajectories import joints_of
+from servolink.project import ProjectFile
+from servolink.support import Tasks
+
+NAME: Final = "servolink"
+"""Name of the node."""
+
+_MOST_BYTES = 1_048_576  # of a trajectory
+_LIVELY = Duration(seconds=0.5)  # longest lease of liveliness that is watched
+_DESCRIBED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_STOP_LIMIT = 10.0  # seconds for which the executor waits for the event loop
+
+
+class RosNode:
+    """Publishers, subscriptions and services. Its methods are for the event loop; what it hears goes to `follower`."""
+
+    def __init__(self, follower: JointFollower) -> None:
+        """Begin the node, and its thread."""
+        self._ended = asyncio.Event()
+        self._follower = follower
+        self._loop = asyncio.get_running_loop()
+        # Without it, a robot would listen to all programs of its network.
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        node = self._node = rclpy.create_node(NAME, context=self._context, start_parameter_services=False)
+        self._states = node.create_publisher(JointState, "joint_states", 10)
+        self._diagnostics = node.create_publisher(DiagnosticArray, "diagnostics", 10)
+        self._description = node.create_publisher(String, "robot_description", _DESCRIBED)
+        matched = SubscriptionEventCallbacks(matched=self._match, use_default_callbacks=False)
+        newest = QoSProfile(depth=1)
+        node.create_subscription(
+            JointTrajectory, "joint_trajectory", self._hear, newest, raw=True, event_callbacks=matched
+        )
+        self._lively: Any = None
+        node.create_subscription(Empty, "stop", lambda message: self._done(follower.stop()), newest)
+        node.create_service(Trigger, "~/stop", lambda request, response: self._answer(response, follower.stop()))
+        node.create_service(Trigger, "~/start", lambda request, response: self._answer(response, follower.start()))
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(node)
+        self._thread = Thread(target=self._spin, name="servolink ROS")
+        self._thread.start()
+
+    @staticmethod
+    def decode(data: bytes) -> Any:
+        """Return the trajectory in a message. Raise an error of any kind for other bytes, or too many."""
+        if len(data) > _MOST_BYTES:
+            raise ValueError(f"{len(data)} bytes; at most {_MOST_BYTES} are allowed")
+        return deserialize_message(data, JointTrajectory)
+
+    def publish_states(self, angles: Mapping[str, float], at: float) -> None:
+        """Publish angles in radians by joint, read at `at` in seconds of the system's clock."""
+        message = JointState(name=list(angles), position=list(angles.values()))
+        message.header.stamp = _stamp(at)
+        self._states.publish(message)
+
+    def publish_diagnostics(self, statuses: Iterable[RosStatus], hub: str) -> None:
+        """Publish rows of the diagnostics."""
+        message = DiagnosticArray()
+        message.header.stamp = _stamp(time.time())
+        for name, level, text, values in statuses:
+            pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+            row = DiagnosticStatus(level=bytes([level]), name=f"{NAME}: {name}", message=text, hardware_id=hub)
+            row.values = pairs
+            message.status.append(row)
+        self._diagnostics.publish(message)
+
+    def describe(self, urdf: str) -> None:
+        """Publish the description of the robot, for those who come later too."""
+        self._description.publish(String(data=urdf))
+
+    async def fail(self) -> None:
+        """Raise ServolinkError if the thread ends early."""
+        await self._ended.wait()
+        raise ServolinkError("ROS 2 has ended with an error, which it has printed; start the command again")
+
+    async def close(self) -> None:
+        """End the thread and the node."""
+        await asyncio.to_thread(self._close)
+
+    def _close(self) -> None:
+        self._executor.shutdown()
+        self._thread.join()  # before the end of the context, or the process would abort
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    # --- on the thread of the executor
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        finally:
+            self._loop.call_soon_threadsafe(self._ended.set)
+
+    def _hear(self, data: bytes, info: Any) -> None:
+        self._follower.hear(data[: _MOST_BYTES + 1], info["publisher_gid"]["data"])
+
+    def _match(self, event: Any) -> None:
+        """Tell of publishers that have left; watch the liveliness of those that offer it."""
+        found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name("joint_trajectory"))
+        if event.current_count_change < 0:
+            senders = {bytes(each.endpoint_gid) for each in found}
+            self._loop.call_soon_threadsafe(self._follower.left, senders)
+        # Only then: publishers without such an offer are told that they do not match.
+        if self._lively is None and any(each.qos_profile.liveliness_lease_duration <= _LIVELY for each in found):
+            asked = QoSProfile(depth=1, liveliness=LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=_LIVELY)
+            events = SubscriptionEventCallbacks(liveliness=self._miss, use_default_callbacks=False)
+            self._lively = self._node.create_subscription(
+                JointTrajectory, "joint_trajectory", lambda data: None, asked, raw=True, event_callbacks=events
+            )
+
+    def _miss(self, event: Any) -> None:
+        """Tell of a publisher whose process shows no sign of life."""
+        if event.not_alive_count_change > 0:
+            self._loop.call_soon_threadsafe(self._follower.left, None)
+
+    def _done(self, work: Coroutine[Any, Any, str]) -> tuple[bool, str]:
+        """Return whether work on the event loop succeeded, and its text. The executor waits: a flood is held back."""
+        try:
+            return True, asyncio.run_coroutine_threadsafe(work, self._loop).result(_STOP_LIMIT)
+        except (ServolinkError, TimeoutError) as error:
+            return False, str(error)
+
+    def _answer(self, response: Any, work: Coroutine[Any, Any, str]) -> Any:
+        response.success, response.message = self._done(work)
+        return response
+
+
+async def serve_ros(
+    hub: str, project: ProjectFile | None, *, speed_cap: float, outlive: bool, log: Callable[[str], None]
+) -> None:
+    """Serve the robot of the hub named `hub` as a node, until the hub ends; log its name when it is ready.
+
+    All motions are slower than `speed_cap` degrees per second. With `outlive`, a trajectory goes on without its sender.
+
+    Raises:
+        OpenError: There is no such hub.
+        ServolinkError: ROS has ended.
+    """
+    channel, welcome = await open_channel(hub, Greeting(wants="rpc", who=this_program(), role="watch"))
+    try:
+        found = await asyncio.to_thread(checks_before_opening, SystemFacts(), [welcome.url])
+        findings = [each for each in found if each.check != "in use"]  # by the hub
+        async with connect(f"share://{hub}?role=move", speed_cap=speed_cap) as board:
+            captions = dict.fromkeys(await board.servo_ids(), "")
+            stored = await board.servo_parameters() if project is None else project.project.servos
+            captions |= {one.servo_id: one.servo_caption for one in stored if one.servo_id in captions}
+            joints = joints_of(captions, project and project.figure)
+            follower = JointFollower(board, joints, RosNode.decode, log)
+            follower.outlive = outlive
+            channel.on_notification = follower.hear_hub
+            await channel.call("board.state")  # only a program that has asked something is told of stops
+            node = RosNode(follower)
+            log(f"ROS 2: node /{NAME}, joints {', '.join(joints)}")
+            try:
+                await _until_one_ends(follower.follow(), _publish(node, follower, board, findings, hub), node.fail())
+            finally:
+                await node.close()
+    finally:
+        await channel.close()
+
+
+async def _publish(
+    node: RosNode, follower: JointFollower, board: Board, findings: Collection[Finding], hub: str
+) -> None:
+    """Publish readings, and the diagnostics once a second. Raise ConnectionLost at the end of the hub."""
+    latest: ServoReading | None = None
+
+    async def diagnose() -> None:
+        while True:
+            node.publish_diagnostics(follower.statuses(latest, findings), hub)
+            await asyncio.sleep(1.0)
+
+    async def states() -> None:
+        nonlocal latest
+        async for latest in board.watch(HZ):
+            ago = asyncio.get_running_loop().time() - latest.seconds
+            node.publish_states(follower.angles_in(latest), time.time() - ago)
+
+    await _until_one_ends(diagnose(), states())
+
+
+async def _until_one_ends(*works: Coroutine[Any, Any, None]) -> None:
+    """Do works beside each other until one of them ends. Raise its error."""
+    tasks = Tasks()
+    begun = [tasks.begin(work) for work in works]
+    try:
+        done, _ = await asyncio.wait(begun, return_when=asyncio.FIRST_COMPLETED)
+        for each in done:
+            each.result()
+    finally:
+        await tasks.close()
+
+
+def _stamp(seconds: float) -> Any:
+    whole, rest = divmod(round(seconds * 1e9), 10**9)
+    return Time(sec=whole, nanosec=rest)

@@ -1,0 +1,192 @@
+"""Joints of ROS for servos, and trajectories that others send: names, radians, checks, interpolation. Without ROS."""
+
+from __future__ import annotations
+
+import math
+import re
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+from servolink.errors import MotionRefused, Reason, quote
+from servolink.motion import MotionLimits
+from servolink.project import Figure
+
+MOST_POINTS: Final = 10_000
+"""Most points of a trajectory."""
+MOST_SECONDS: Final = 3600.0
+"""Longest duration of a trajectory."""
+
+_OLDEST = 1.0  # seconds after its stamp at which a trajectory is still begun
+_LATEST = 60.0  # seconds before its stamp at which a trajectory is taken
+_NEAR = 5.0  # degrees from the present angle at which a trajectory may begin without time for the way
+_MOST = 1e6  # of any number in a point, in its unit
+_TURN = 360
+_NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9_]+")
+
+
+class RosJoint(NamedTuple):
+    """Servo as a joint of ROS, whose angle is `sign * degrees + offset`."""
+
+    servo_id: int
+    sign: int = 1
+    offset: float = 0.0
+    """Angle of the joint with the servo at 0, in degrees."""
+
+    def radians(self, degrees: float) -> float:
+        """Return the angle of the joint for an angle of the servo."""
+        return math.radians(self.sign * degrees + self.offset)
+
+    def degrees(self, radians: float) -> float:
+        """Return the angle of the servo for an angle of the joint."""
+        return self.sign * (math.degrees(radians) - self.offset)
+
+
+def joints_of(captions: Mapping[int, str], figure: Figure | None = None) -> dict[str, RosJoint]:
+    """Return a joint for each servo, by its name: the caption, in letters, digits and underscores.
+
+    `captions` are by servo id. A servo without a usable caption is `servo_ID`; of equal names, all but the first get
+    the id as well. A figure gives sign and offset.
+    """
+    turned = {} if figure is None else {joint.servo: joint for joint in figure.joints}
+    joints: dict[str, RosJoint] = {}
+    for servo_id, caption in captions.items():
+        name = _NOT_IN_A_NAME.sub("_", caption).strip("_") or "servo"
+        name = f"joint_{name}" if name[0].isdigit() else name
+        if name == "servo" or name in joints:
+            name = f"{name}_{servo_id}"
+        while name in joints:
+            name += "_"
+        joint = turned.get(servo_id)
+        joints[name] = RosJoint(servo_id) if joint is None else RosJoint(servo_id, joint.sign, joint.offset)
+    return joints
+
+
+class Trajectory(NamedTuple):
+    """Checked trajectory of servos."""
+
+    servo_ids: tuple[int, ...]
+    seconds: tuple[float, ...]
+    """Time of each point from the begin, increasing."""
+    poses: tuple[tuple[float, ...], ...]
+    """Angles at each point in degrees, in the order of `servo_ids`."""
+
+    def at(self, seconds: float) -> dict[int, float]:
+        """Return the angles at a time, on the straight way between two points; the first or last outside of all."""
+        after = bisect_right(self.seconds, seconds)
+        if after in (0, len(self.seconds)):
+            return dict(zip(self.servo_ids, self.poses[after and -1], strict=True))
+        before, since = self.poses[after - 1], self.seconds[after - 1]
+        share = (seconds - since) / (self.seconds[after] - since)
+        pairs = zip(before, self.poses[after], strict=True)
+        return dict(zip(self.servo_ids, (one + (other - one) * share for one, other in pairs), strict=True))
+
+    def beginning_at(self, pose: Mapping[int, float], limits: MotionLimits) -> Trajectory:
+        """Return the trajectory with the way from the present angles. Raise MotionRefused if a servo is too fast."""
+        here = tuple(float(pose[servo_id]) for servo_id in self.servo_ids)
+        for servo_id, one, first in zip(self.servo_ids, here, self.poses[0], strict=True):
+            way = max(abs(first - one) - _NEAR, 0.0)
+            if cap := limits.exceeded_cap(servo_id, way, self.seconds[0]):
+                text = f"begins {abs(first - one):.0f} degrees from servo {servo_id}, {self.seconds[0]:g} s after now"
+                raise _refused(f"{text}: faster than {cap} degrees per second")
+        if not self.seconds[0]:
+            return self
+        return Trajectory(self.servo_ids, (0.0, *self.seconds), (here, *self.poses))
+
+
+def read_trajectory(message: Any, joints: Mapping[str, RosJoint], limits: MotionLimits) -> Trajectory | None:
+    """Return the trajectory in a `trajectory_msgs/JointTrajectory`, or an object with its fields; None for no points.
+
+    Velocities and accelerations are only checked: servos go straight from point to point.
+
+    Raises:
+        MotionRefused: A joint is unknown or named twice, a length is wrong, a number is not finite, a time is not later
+            than the one before, or an angle or a speed is beyond a limit.
+    """
+    points = message.points
+    if not points:
+        return None
+    if len(points) > MOST_POINTS:
+        raise _refused(f"has {len(points)} points; at most {MOST_POINTS} are allowed")
+    servos = _named(message.joint_names, joints)
+    seconds: list[float] = []
+    poses: list[tuple[float, ...]] = []
+    for number, point in enumerate(points, 1):
+        seconds.append(_time_of(point, number, seconds))
+        poses.append(_pose_of(point, number, servos))
+    trajectory = Trajectory(tuple(joint.servo_id for joint in servos), tuple(seconds), tuple(poses))
+    _check_limits(trajectory, tuple(message.joint_names), limits)
+    return trajectory
+
+
+def wait_for(stamp: float, now: float) -> float:
+    """Return the seconds until a trajectory with a stamp in its header begins; 0 means now.
+
+    Raise MotionRefused for a stamp that is old, as of a recording, or far in the future.
+    """
+    if not stamp:
+        return 0.0
+    if not -_OLDEST <= stamp - now <= _LATEST:
+        text = f"has the stamp {stamp:.1f}, and now is {now:.1f}"
+        raise _refused(f"{text}; use 0 for now, or a time within the next {_LATEST:g} s")
+    return max(stamp - now, 0.0)
+
+
+def _named(names: Sequence[str], joints: Mapping[str, RosJoint]) -> list[RosJoint]:
+    """Return the joints of a trajectory."""
+    if not names or len(names) > len(joints):
+        raise _refused(f"names {len(names)} joints; this robot has {len(joints)}: {_listed(joints)}")
+    for number, name in enumerate(names):
+        if name not in joints:
+            raise _refused(f"names the joint {quote(name)}; this robot has {_listed(joints)}")
+        if name in names[:number]:
+            raise _refused(f"names the joint {quote(name)} twice")
+    return [joints[name] for name in names]
+
+
+def _time_of(point: Any, number: int, before: Sequence[float]) -> float:
+    """Return the time of a point in seconds."""
+    seconds = point.time_from_start.sec + point.time_from_start.nanosec * 1e-9
+    if not 0 <= seconds <= MOST_SECONDS:
+        raise _refused(f"point {number} is at {seconds:g} s; times must be within 0..{MOST_SECONDS:g} s")
+    if before and seconds <= before[-1]:
+        raise _refused(f"point {number} is at {seconds:g} s, not later than point {number - 1} at {before[-1]:g} s")
+    return float(seconds)
+
+
+def _pose_of(point: Any, number: int, servos: Sequence[RosJoint]) -> tuple[float, ...]:
+    """Return the angles of the servos at a point, in degrees."""
+    for what in ("positions", "velocities", "accelerations", "effort"):
+        values: Sequence[float] = getattr(point, what)
+        if len(values) != len(servos) and (what == "positions" or len(values)):
+            raise _refused(f"point {number} has {len(values)} {what} for {len(servos)} joints")
+        if not all(abs(value) <= _MOST for value in values):
+            raise _refused(f"point {number} has {what} that are no numbers of at most {_MOST:g}")
+    return tuple(joint.degrees(radians) for joint, radians in zip(servos, point.positions, strict=True))
+
+
+def _check_limits(trajectory: Trajectory, names: Sequence[str], limits: MotionLimits) -> None:
+    """Raise MotionRefused for an angle or a speed beyond a limit."""
+    for place, servo_id in enumerate(trajectory.servo_ids):
+        before, since = 0.0, -1.0
+        for number, (seconds, pose) in enumerate(zip(trajectory.seconds, trajectory.poses, strict=True), 1):
+            angle = pose[place]
+            what = f"point {number} of {quote(names[place])}"
+            if allowed := limits.exceeded_angles(servo_id, round(angle)):
+                raise _refused(f"{what}: {angle:.1f} degrees is outside {allowed} of servo {servo_id}")
+            if abs(angle) > _TURN and limits.of(servo_id) is None:
+                raise _refused(
+                    f"{what}: {angle:.1f} degrees is beyond a whole turn, and servo {servo_id} has no limits"
+                )
+            if since >= 0 and (cap := limits.exceeded_cap(servo_id, angle - before, seconds - since)):
+                speed = abs(angle - before) / (seconds - since)
+                raise _refused(f"{what}: {speed:.0f} degrees per second is faster than {cap}")
+            before, since = angle, seconds
+
+
+def _listed(joints: Iterable[str]) -> str:
+    return quote(", ".join(joints))
+
+
+def _refused(text: str) -> MotionRefused:
+    return MotionRefused(f"the trajectory {text}; nothing was moved", reason=Reason.LIMIT)
