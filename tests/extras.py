@@ -15,6 +15,7 @@ NEEDED = {
     "servolink.gateways.foxglove.live_server": "foxglove",
     "servolink.gateways.models.model_results": "pydantic",
     "servolink.gateways.models.model_serving": "mcp",
+    "servolink.gateways.ros.ros_node": "rclpy",
     "servolink.gateways.models.model_tools": "mcp",
     "servolink.twin.gym": "gymnasium",
 }

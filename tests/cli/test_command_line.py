@@ -29,7 +29,7 @@ from tests.tables import over
 ALL = {name: load(name) for name in index() if name}
 """Commands as they are typed."""
 
-UNTIL_CTRL_C = {"virtual", "share", "studio", "teach", "remote", "record", "replay", "spy", "mcp", "foxglove"}
+UNTIL_CTRL_C = {"virtual", "share", "studio", "teach", "remote", "record", "replay", "spy", "mcp", "foxglove", "ros2"}
 SLOW = {"demo"}
 NEED_A_BROKER = {"fleet", *(f"fleet {name}" for name in below("fleet"))}
 """Those of the fleet, which `tests/fleet` runs with one."""

@@ -14,7 +14,7 @@ PACKAGE = Path(servolink.__file__).parent
 DRIVERS = {"serial", "serial_asyncio", "hid", "hidraw", "usb", "libusb_package"}
 """Packages for one kind of address each."""
 
-EXTRAS = {"aiohttp", "foxglove", "gymnasium", "mcap", "mcp", "mujoco", "paho", "prometheus_client", "rich"}
+EXTRAS = {"aiohttp", "foxglove", "gymnasium", "mcap", "mcp", "mujoco", "paho", "prometheus_client", "rclpy", "rich"}
 """Packages for one command or door each."""
 
 LATE = DRIVERS | EXTRAS

@@ -34,6 +34,7 @@ COMMANDS = {
     "twin": ("twin check robot.json", "twin soften robot.json -o soft.json"),
     "foxglove": ("foxglove", "convert recorded.mcap --foxglove"),
     "mcp": ("mcp", "mcp --http 0"),
+    "ros2": ("ros2",),
     "fleet": FLEET,
     "metrics": ("fleet metrics",),
 }
@@ -44,6 +45,7 @@ PACKAGES = {
     "twin": ("mujoco",),
     "foxglove": ("foxglove",),
     "mcp": ("mcp", "uvicorn", "PIL"),
+    "ros2": ("rclpy", "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs", "diagnostic_msgs", "builtin_interfaces"),
     "fleet": ("paho", "keyring"),
     "metrics": ("prometheus_client",),
 }

@@ -14,7 +14,7 @@ from servolink.cli.screen.result import show_served
 from servolink.cli.screen.terminal import can_ask, confirm_motion
 from servolink.cli.together.language_models import SPEED_CAP, log_line
 from servolink.cli.usage import usage_error
-from servolink.gateways import Supervisor, supervised
+from servolink.gateways import supervised
 from servolink.hub import hub_of_board
 from servolink.project import ProjectFile
 from servolink.recorder import Recording
@@ -62,7 +62,13 @@ async def run(args: argparse.Namespace, interruption: Interruption) -> int:
     channels = LiveChannels(context, figure)
     async with AsyncExitStack() as stack:
         recording = None if args.recording is None else await asyncio.to_thread(Recording, args.recording)
-        supervisor, hub = (None, "") if recording is not None else await _board(args, stack)
+        hub = ""
+        if recording is None:
+            hub = await stack.enter_async_context(hub_of_board(args.url, **connection_options(args)))
+        supervisor = None
+        if args.allow_motion:
+            watched = supervised(hub, may_move=True, speed_cap=args.speed_cap, log=log_line)
+            supervisor = await stack.enter_async_context(watched)
         if args.mcap is not None:
             stack.enter_context(written_to(args.mcap, context))
             channels.draw_scene(recording.started if recording is not None else 0)
@@ -81,12 +87,3 @@ async def run(args: argparse.Namespace, interruption: Interruption) -> int:
         await channels.follow_hub(hub)
         print_error(f"servolink: the hub {hub} has ended")
     return ExitCode.OK
-
-
-async def _board(args: argparse.Namespace, stack: AsyncExitStack) -> tuple[Supervisor | None, str]:
-    """Return the supervisor of motions, if they are allowed, and the name of the hub of the board."""
-    hub = await stack.enter_async_context(hub_of_board(args.url, **connection_options(args)))
-    if not args.allow_motion:
-        return None, hub
-    watched = supervised(hub, may_move=True, speed_cap=args.speed_cap, log=log_line)
-    return await stack.enter_async_context(watched), hub

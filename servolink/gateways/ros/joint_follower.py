@@ -6,6 +6,7 @@ Nothing here imports ROS. What is heard there comes from another thread, and wai
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -19,7 +20,7 @@ from servolink.client import Board, ServoReading, ServoStream
 from servolink.control import ProblemNotice, StoppedNotice
 from servolink.doctor import Finding
 from servolink.errors import MotionRefused, ServolinkError, escape
-from servolink.gateways.ros.trajectories import RosJoint, Trajectory, read_trajectory, wait_for
+from servolink.gateways.ros.trajectories import Trajectory, read_trajectory, wait_for
 from servolink.motion import Degrees
 
 HZ: Final = 50.0
@@ -53,27 +54,34 @@ class JointFollower:
     """Follower of the newest trajectory. `hear` may be called on any thread, all else on that of the event loop."""
 
     def __init__(
-        self, board: Board, joints: Mapping[str, RosJoint], decode: Callable[[bytes], Any], log: Callable[[str], None]
+        self,
+        board: Board,
+        joints: Mapping[str, int],
+        decode: Callable[[bytes], Any],
+        log: Callable[[str], None],
+        *,
+        outlive: bool = False,
     ) -> None:
-        """Move `board`. `decode` returns the message in bytes, or raises an error of any kind."""
+        """Move `joints`, servo ids by name. `decode` returns the message in bytes, or raises an error of any kind.
+
+        With `outlive`, a motion goes on when the program that sent its trajectory is gone.
+        """
         self.joints = joints
-        self.outlive = False
-        """Whether a motion goes on when the program that sent its trajectory is gone."""
-        self.refused = 0
-        """Number of trajectories that were refused."""
+        self._refused = 0
         self._board = board
         self._decode = decode
         self._log = log
+        self._outlive = outlive
         self._loop = asyncio.get_running_loop()
         self._newest: deque[tuple[bytes, bytes, float]] = deque(maxlen=1)  # data, sender and time
         self._is_waking = False
         self._has_newest = asyncio.Event()
-        self._checked: _Heard | None = None
-        self._followed: _Heard | None = None
+        self._checked = b""  # sender of the trajectory that is checked, and that of the one that is followed
+        self._followed = b""
         self._motion: asyncio.Task[None] | None = None
         self._stopped = RosStatus("guard", 0, "no stop since the last motion")
         self._trouble: dict[str, tuple[float, str]] = {}  # time and text of the latest refusal and problem
-        self._logged = -_BETWEEN_LINES
+        self._logged = -math.inf
 
     # --- heard on another thread
 
@@ -103,11 +111,9 @@ class JointFollower:
 
     def left(self, senders: Collection[bytes] | None) -> None:
         """End what was sent by others than `senders`, the publishers that are left; None: by all."""
-        if self.outlive:
-            return
-        for heard in (self._checked, self._followed):
-            if heard is not None and (senders is None or heard.sender not in senders):
-                self._end("the motion was ended, as the program that sent the trajectory is gone")
+        movers = {self._checked, self._followed} - {b""}
+        if movers and not self._outlive and (senders is None or not movers <= set(senders)):
+            self._end("the motion was ended, as the program that sent the trajectory is gone")
 
     async def stop(self) -> str:
         """Stop all servos, and return what was done. Raise OutcomeUnknown without a report of all servos."""
@@ -126,7 +132,8 @@ class JointFollower:
         """Take a notification of the hub: a stop, the guard's too, and problems."""
         if method == "stopped":
             notice = msgspec.json.decode(params, type=StoppedNotice)
-            text = f"{escape(notice.by or 'the hub')} has stopped all servos: {escape(notice.reason)}"
+            why = "" if notice.stalled is None else f": {escape(notice.reason)}"
+            text = f"{escape(notice.by or 'the hub')} has stopped all servos{why}"
             self._stopped = RosStatus("guard", 1 if notice.stalled is None else 2, text)
             self._end(text)
         elif method == "problem":
@@ -140,11 +147,11 @@ class JointFollower:
         yield RosStatus("board", 2 if is_late else 0, "no readings of the servos" if is_late else "answers", counts)
         texts = {what: text for what, (at, text) in self._trouble.items() if now - at < _RECENT}
         activity = "follows a trajectory" if self._followed else "idle"
-        yield RosStatus("motion", int(bool(texts)), "; ".join(texts.values()) or activity, {"refused": self.refused})
+        yield RosStatus("motion", int(bool(texts)), "; ".join(texts.values()) or activity, {"refused": self._refused})
         yield self._stopped
         by_id = {} if reading is None else {servo.servo_id: servo for servo in reading.servos}
-        for name, joint in self.joints.items():
-            if (servo := by_id.get(joint.servo_id)) is None:
+        for name, servo_id in self.joints.items():
+            if (servo := by_id.get(servo_id)) is None:
                 yield RosStatus(f"joint {name}", 2, "not reported")
                 continue
             raw = {"angle": servo.angle, "current": servo.current, "temperature": servo.temperature}
@@ -155,27 +162,22 @@ class JointFollower:
 
     def angles_in(self, reading: ServoReading) -> dict[str, float]:
         """Return the angles of a reading by joint, in radians, without those that cannot be true."""
-        angles = {servo.servo_id: servo.angle for servo in reading.servos if _is_angle(servo)}
-        return {
-            name: joint.radians(angles[joint.servo_id])
-            for name, joint in self.joints.items()
-            if joint.servo_id in angles
-        }
+        angles = {servo.servo_id: math.radians(servo.angle) for servo in reading.servos if _is_angle(servo)}
+        return {name: angles[servo_id] for name, servo_id in self.joints.items() if servo_id in angles}
 
     async def _obey(self, heard: _Heard) -> None:
         """Check a trajectory, and follow it in place of the present one."""
-        self._checked = heard
+        self._checked = heard.sender
         try:
             delay, trajectory = await asyncio.to_thread(self._read, heard.data)
         except MotionRefused as error:
             self._refuse(str(error))
+            self._checked = b""
             return
-        finally:
-            is_wanted, self._checked = self._checked is heard, None
-        if is_wanted:
+        if self._checked:  # nothing has ended it meanwhile
             self._end("")
             if trajectory is not None:
-                self._followed = heard
+                self._followed = heard.sender
                 self._motion = self._loop.create_task(self._follow(heard, trajectory, delay))
 
     def _read(self, data: bytes) -> tuple[float, Trajectory | None]:
@@ -205,18 +207,18 @@ class JointFollower:
             self._refuse(str(error))
         finally:
             if self._motion is asyncio.current_task():
-                self._followed = self._motion = None
+                self._followed, self._motion = b"", None
 
     def _end(self, why: str) -> None:
         """End the motion, and what is checked: no further set-point is sent."""
         if why and (self._followed or self._checked):
             self._note("motion", why)
-        motion, self._motion, self._followed, self._checked = self._motion, None, None, None
+        motion, self._motion, self._followed, self._checked = self._motion, None, b"", b""
         if motion is not None:
             motion.cancel()
 
     def _refuse(self, text: str) -> None:
-        self.refused += 1
+        self._refused += 1
         self._note("refusal", text)
 
     def _note(self, what: str, text: str) -> None:
@@ -225,7 +227,7 @@ class JointFollower:
         self._trouble[what] = (now, text)
         if now - self._logged >= _BETWEEN_LINES:
             self._logged = now
-            self._log(f"{text} ({self.refused} refused so far)" if what == "refusal" else text)
+            self._log(f"{text} ({self._refused} refused so far)" if what == "refusal" else text)
 
 
 def _is_angle(servo: Any) -> bool:

@@ -31,21 +31,21 @@ from servolink.gateways.ros.joint_follower import HZ, JointFollower, RosStatus
 from servolink.gateways.ros.trajectories import joints_of
 from servolink.project import ProjectFile
 from servolink.support import Tasks
+from servolink.twin import to_urdf
 
 NAME: Final = "servolink"
 """Name of the node."""
 
 _MOST_BYTES = 1_048_576  # of a trajectory
 _LIVELY = Duration(seconds=0.5)  # longest lease of liveliness that is watched
-_DESCRIBED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _STOP_LIMIT = 10.0  # seconds for which the executor waits for the event loop
 
 
 class RosNode:
     """Publishers, subscriptions and services. Its methods are for the event loop; what it hears goes to `follower`."""
 
-    def __init__(self, follower: JointFollower) -> None:
-        """Begin the node, and its thread."""
+    def __init__(self, follower: JointFollower, urdf: str) -> None:
+        """Begin the node, and its thread. `urdf` is the description of the robot; empty for none."""
         self._ended = asyncio.Event()
         self._follower = follower
         self._loop = asyncio.get_running_loop()
@@ -56,7 +56,9 @@ class RosNode:
         node = self._node = rclpy.create_node(NAME, context=self._context, start_parameter_services=False)
         self._states = node.create_publisher(JointState, "joint_states", 10)
         self._diagnostics = node.create_publisher(DiagnosticArray, "diagnostics", 10)
-        self._description = node.create_publisher(String, "robot_description", _DESCRIBED)
+        if urdf:  # also for programs that come later
+            described = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+            node.create_publisher(String, "robot_description", described).publish(String(data=urdf))
         matched = SubscriptionEventCallbacks(matched=self._match, use_default_callbacks=False)
         newest = QoSProfile(depth=1)
         node.create_subscription(
@@ -94,10 +96,6 @@ class RosNode:
             row.values = pairs
             message.status.append(row)
         self._diagnostics.publish(message)
-
-    def describe(self, urdf: str) -> None:
-        """Publish the description of the robot, for those who come later too."""
-        self._description.publish(String(data=urdf))
 
     async def fail(self) -> None:
         """Raise ServolinkError if the thread ends early."""
@@ -173,14 +171,14 @@ async def serve_ros(
         findings = [each for each in found if each.check != "in use"]  # by the hub
         async with connect(f"share://{hub}?role=move", speed_cap=speed_cap) as board:
             captions = dict.fromkeys(await board.servo_ids(), "")
-            stored = await board.servo_parameters() if project is None else project.project.servos
+            stored = await board.servo_parameters() if project is None else project.project.servo_parameters
             captions |= {one.servo_id: one.servo_caption for one in stored if one.servo_id in captions}
-            joints = joints_of(captions, project and project.figure)
-            follower = JointFollower(board, joints, RosNode.decode, log)
-            follower.outlive = outlive
+            urdf = "" if project is None or project.figure is None else to_urdf(project.figure, captions)
+            joints = joints_of(captions, urdf)
+            follower = JointFollower(board, joints, RosNode.decode, log, outlive=outlive)
             channel.on_notification = follower.hear_hub
             await channel.call("board.state")  # only a program that has asked something is told of stops
-            node = RosNode(follower)
+            node = RosNode(follower, urdf)
             log(f"ROS 2: node /{NAME}, joints {', '.join(joints)}")
             try:
                 await _until_one_ends(follower.follow(), _publish(node, follower, board, findings, hub), node.fail())

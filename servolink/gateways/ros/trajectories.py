@@ -7,10 +7,10 @@ import re
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
+from xml.etree import ElementTree as ET
 
 from servolink.errors import MotionRefused, Reason, quote
 from servolink.motion import MotionLimits
-from servolink.project import Figure
 
 MOST_POINTS: Final = 10_000
 """Most points of a trajectory."""
@@ -25,40 +25,22 @@ _TURN = 360
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9_]+")
 
 
-class RosJoint(NamedTuple):
-    """Servo as a joint of ROS, whose angle is `sign * degrees + offset`."""
+def joints_of(captions: Mapping[int, str], urdf: str = "") -> dict[str, int]:
+    """Return the servo of each joint, by name: as in a URDF of `to_urdf`, or else the caption as ROS allows it.
 
-    servo_id: int
-    sign: int = 1
-    offset: float = 0.0
-    """Angle of the joint with the servo at 0, in degrees."""
-
-    def radians(self, degrees: float) -> float:
-        """Return the angle of the joint for an angle of the servo."""
-        return math.radians(self.sign * degrees + self.offset)
-
-    def degrees(self, radians: float) -> float:
-        """Return the angle of the servo for an angle of the joint."""
-        return self.sign * (math.degrees(radians) - self.offset)
-
-
-def joints_of(captions: Mapping[int, str], figure: Figure | None = None) -> dict[str, RosJoint]:
-    """Return a joint for each servo, by its name: the caption, in letters, digits and underscores.
-
-    `captions` are by servo id. A servo without a usable caption is `servo_ID`; of equal names, all but the first get
-    the id as well. A figure gives sign and offset.
+    `captions` are by servo id; servos without one are left out. A servo without a usable caption is `servo_ID`, and of
+    equal names all but the first get the id as well.
     """
-    turned = {} if figure is None else {joint.servo: joint for joint in figure.joints}
-    joints: dict[str, RosJoint] = {}
-    for servo_id, caption in captions.items():
-        name = _NOT_IN_A_NAME.sub("_", caption).strip("_") or "servo"
-        name = f"joint_{name}" if name[0].isdigit() else name
-        if name == "servo" or name in joints:
+    found = ET.fromstring(urdf or "<robot/>").iterfind("joint")  # noqa: S314 - of our own making
+    servos = ((joint.get("name", ""), joint.find("servolink")) for joint in found)
+    joints = {name: int(servo.get("servo", "")) for name, servo in servos if servo is not None}
+    joints = {name: servo_id for name, servo_id in joints.items() if servo_id in captions}
+    for servo_id in [each for each in captions if each not in joints.values()]:
+        name = _NOT_IN_A_NAME.sub("_", captions[servo_id]).strip("_") or "servo"
+        name = f"_{name}" if name[0].isdigit() else name
+        while name == "servo" or name in joints:
             name = f"{name}_{servo_id}"
-        while name in joints:
-            name += "_"
-        joint = turned.get(servo_id)
-        joints[name] = RosJoint(servo_id) if joint is None else RosJoint(servo_id, joint.sign, joint.offset)
+        joints[name] = servo_id
     return joints
 
 
@@ -94,7 +76,7 @@ class Trajectory(NamedTuple):
         return Trajectory(self.servo_ids, (0.0, *self.seconds), (here, *self.poses))
 
 
-def read_trajectory(message: Any, joints: Mapping[str, RosJoint], limits: MotionLimits) -> Trajectory | None:
+def read_trajectory(message: Any, joints: Mapping[str, int], limits: MotionLimits) -> Trajectory | None:
     """Return the trajectory in a `trajectory_msgs/JointTrajectory`, or an object with its fields; None for no points.
 
     Velocities and accelerations are only checked: servos go straight from point to point.
@@ -114,7 +96,7 @@ def read_trajectory(message: Any, joints: Mapping[str, RosJoint], limits: Motion
     for number, point in enumerate(points, 1):
         seconds.append(_time_of(point, number, seconds))
         poses.append(_pose_of(point, number, servos))
-    trajectory = Trajectory(tuple(joint.servo_id for joint in servos), tuple(seconds), tuple(poses))
+    trajectory = Trajectory(tuple(servos), tuple(seconds), tuple(poses))
     _check_limits(trajectory, tuple(message.joint_names), limits)
     return trajectory
 
@@ -132,8 +114,8 @@ def wait_for(stamp: float, now: float) -> float:
     return max(stamp - now, 0.0)
 
 
-def _named(names: Sequence[str], joints: Mapping[str, RosJoint]) -> list[RosJoint]:
-    """Return the joints of a trajectory."""
+def _named(names: Sequence[str], joints: Mapping[str, int]) -> list[int]:
+    """Return the servos of a trajectory."""
     if not names or len(names) > len(joints):
         raise _refused(f"names {len(names)} joints; this robot has {len(joints)}: {_listed(joints)}")
     for number, name in enumerate(names):
@@ -154,7 +136,7 @@ def _time_of(point: Any, number: int, before: Sequence[float]) -> float:
     return float(seconds)
 
 
-def _pose_of(point: Any, number: int, servos: Sequence[RosJoint]) -> tuple[float, ...]:
+def _pose_of(point: Any, number: int, servos: Sequence[int]) -> tuple[float, ...]:
     """Return the angles of the servos at a point, in degrees."""
     for what in ("positions", "velocities", "accelerations", "effort"):
         values: Sequence[float] = getattr(point, what)
@@ -162,7 +144,7 @@ def _pose_of(point: Any, number: int, servos: Sequence[RosJoint]) -> tuple[float
             raise _refused(f"point {number} has {len(values)} {what} for {len(servos)} joints")
         if not all(abs(value) <= _MOST for value in values):
             raise _refused(f"point {number} has {what} that are no numbers of at most {_MOST:g}")
-    return tuple(joint.degrees(radians) for joint, radians in zip(servos, point.positions, strict=True))
+    return tuple(map(math.degrees, point.positions))
 
 
 def _check_limits(trajectory: Trajectory, names: Sequence[str], limits: MotionLimits) -> None:

@@ -73,6 +73,7 @@ EXEMPT = {
     "studio": "goes on until somebody ends it",
     "mcp": "goes on until somebody ends it",
     "foxglove": "goes on until somebody ends it",
+    "ros2": "goes on until somebody ends it",
     "fleet": "talks to a broker: tests/fleet/test_faults.py",
     "remote": "is refused without a terminal",
     "teach": "goes on until somebody ends it, and then until the servos are held",

@@ -168,6 +168,7 @@ TYPED = (
     "virtual --tcp 127.0.0.1:0 --state /dev/null/nowhere/x{}",
     "mcp --http {}",
     "mcp --speed-cap {}",
+    "ros2 --speed-cap {}",
     "foxglove --listen {}",
     "foxglove --speed {}",
     "bench --requests {}",

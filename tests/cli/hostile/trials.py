@@ -259,6 +259,7 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("virtual --tcp 127.0.0.1:0 --script {missing}"),
     ),
     "mcp": (Trial("--url {few} mcp --http {text}"), Trial("--url {few} mcp --speed-cap {text}")),
+    "ros2": (Trial("--url {few} ros2 --speed-cap {text}"), Trial("--url {few} ros2 --project {noise}")),
     "foxglove": (Trial("foxglove --recording {missing} --listen {text}"), Trial("foxglove --speed {text}")),
     "bench": (Trial("--url {few} bench --requests 1", timed=True),),
     "trim": (
