@@ -23,7 +23,7 @@ from servolink.client.identity_guard import IdentityGuard
 from servolink.client.playing import Playback
 from servolink.client.projects import ignore_progress
 from servolink.client.readers import SharedIterator
-from servolink.client.servo_readings import MOST_HZ, ServoReading, ServoReadings, ServoWatch
+from servolink.client.servo_readings import ServoReading, ServoReadings, ServoWatch
 from servolink.client.servo_state import Servo, Servos
 from servolink.client.servo_stream import ServoStream, point_check
 from servolink.client.session import Session
@@ -44,7 +44,6 @@ __all__ = [
     "Alarm",
     "AlarmWatch",
     "Lasting",
-    "MOST_HZ",
     "RaisedAlarm",
     "Servo",
     "ServoReading",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterable
-from typing import cast
+from typing import ClassVar, cast
 
 from msgspec import Struct
 
@@ -16,9 +16,6 @@ from servolink.client.session import Session
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, ServolinkError, quote
 from servolink.protocol import ALL_SERVOS, SetServoParameterRequest
 from servolink.support import call_at, is_number
-
-MOST_HZ = 1000.0
-"""Readings per second that can be asked for."""
 
 _SLACK = 1e-6  # seconds: sums of periods are not exact
 
@@ -258,12 +255,15 @@ class ServoReadings(SharedIterator[ServoReading, _RatedReader]):
     does so at once, and reading goes on; if the stop cannot be confirmed, the iterator raises OutcomeUnknown.
     """
 
+    MOST_HZ: ClassVar[float] = 1000.0
+    """Most readings per second that can be asked for."""
+
     def __init__(self, watch: ServoWatch, hz: float | None, alarms: Iterable[Alarm] = ()) -> None:
         """Read `hz` times a second, 0 < hz <= 1000; None: as often as possible."""
         if hz is not None and not is_number(hz):
             raise TypeError(f"hz must be a number of readings per second or None, not {quote(hz)}")
-        if hz is not None and not 0 < hz <= MOST_HZ:
-            raise ValueError(f"hz must be above 0 and at most {MOST_HZ:g}, not {quote(hz)}")
+        if hz is not None and not 0 < hz <= self.MOST_HZ:
+            raise ValueError(f"hz must be above 0 and at most {self.MOST_HZ:g}, not {quote(hz)}")
         self._hz = hz
         self._alarms = tuple(alarms)
         self._watch = watch

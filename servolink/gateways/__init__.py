@@ -1,4 +1,4 @@
-"""Doors for other protocols: `models`, `foxglove` and `metrics`; each is one more program of a hub, or of a fleet."""
+"""Doors for other protocols: `models`, `foxglove`, `ros` and `metrics`; each is a program of a hub, or of a fleet."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from msgspec import Struct
 from msgspec.structs import force_setattr
 
 from servolink.boards import hub_of, resolve_board
-from servolink.client import MOST_HZ, Alarm, Board, connect
+from servolink.client import Alarm, Board, ServoReadings, connect
 from servolink.errors import RecordingError, quote
 from servolink.recorder.backlog import Backlog
 from servolink.recorder.board_source import BoardTap, following
@@ -50,8 +50,8 @@ class Wanted(Struct, frozen=True):
         force_setattr(self, "hz", as_number(self.hz))
         if not is_number(self.hz):
             raise TypeError(f"hz must be a number of readings per second, not {quote(self.hz)}")
-        if not 0 <= self.hz <= MOST_HZ:
-            raise ValueError(f"hz must be from 0 to {MOST_HZ:g}, not {quote(self.hz)}")
+        if not 0 <= self.hz <= ServoReadings.MOST_HZ:
+            raise ValueError(f"hz must be from 0 to {ServoReadings.MOST_HZ:g}, not {quote(self.hz)}")
 
     @property
     def rate(self) -> float:

@@ -119,7 +119,7 @@ def test_the_help_groups_all_commands(capsys: pytest.CaptureFixture[str]) -> Non
     said = call(capsys, "--help").out
     at = [said.index(f"\n{topic}:\n") for topic in TOPICS]
     assert at == sorted(at)
-    listed = re.findall(r"^  ([a-z]+) +(.*)$", said[at[0] :], re.MULTILINE)
+    listed = re.findall(r"^  ([a-z0-9]+) +(.*)$", said[at[0] :], re.MULTILINE)
     assert listed == [(name, entry.help) for name, entry in below("").items() if entry.topic]
 
 

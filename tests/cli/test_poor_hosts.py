@@ -45,7 +45,15 @@ PACKAGES = {
     "twin": ("mujoco",),
     "foxglove": ("foxglove",),
     "mcp": ("mcp", "uvicorn", "PIL"),
-    "ros2": ("rclpy", "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs", "diagnostic_msgs", "builtin_interfaces"),
+    "ros2": (
+        "rclpy",
+        "sensor_msgs",
+        "std_msgs",
+        "std_srvs",
+        "trajectory_msgs",
+        "diagnostic_msgs",
+        "builtin_interfaces",
+    ),
     "fleet": ("paho", "keyring"),
     "metrics": ("prometheus_client",),
 }

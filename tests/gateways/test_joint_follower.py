@@ -120,7 +120,7 @@ def test_what_is_wrong_is_refused_in_log_and_diagnostics_and_the_motion_goes_on(
         assert scene.robot.log[-1].endswith("nothing was moved (1 refused so far)")
         for _ in range(200):
             scene.follower.hear(b"no message", b"sender")
-        await scene.robot.until(lambda: "no trajectory was ignored" in scene.rows()["motion"][1])
+        await scene.robot.until(lambda: "cannot be read" in scene.rows()["motion"][1])
         assert len(scene.robot.log) == 1, "a flood does not fill the log"
         await scene.moving()
 

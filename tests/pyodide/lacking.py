@@ -19,8 +19,8 @@ from typing import Any
 
 PACKAGES = """
     hid hidraw libusb_package serial serial_asyncio usb
-    aiohttp foxglove gymnasium keyring markdown_it mcap mcp mujoco numpy paho pandas PIL prometheus_client rclpy segno uvicorn
-    rich tomlkit
+    aiohttp foxglove gymnasium keyring markdown_it mcap mcp mujoco numpy paho pandas PIL prometheus_client rclpy segno
+    uvicorn rich tomlkit
 """
 MODULES = "curses fcntl grp pty pwd readline resource select termios tty"
 FUNCTIONS = "getegid geteuid getgroups openpty sched_getaffinity"

@@ -90,9 +90,9 @@ def print_for_people(text: Text) -> None:
 
 
 class Served(CommandResult, frozen=True):
-    """JSON of each address of `virtual`, `replay`, `share`, `spy`, `studio`, `mcp`, `foxglove` and `fleet metrics`.
+    """JSON of addresses of `virtual`, `replay`, `share`, `spy`, `studio`, `mcp`, `ros2`, `foxglove`, `fleet metrics`.
 
-    Only `mcp` has a token; `drive` and `watch` are pages of the studio for other machines.
+    Only `mcp` has a token; `drive` and `watch` are pages of the studio for other machines; `ros2` is a node.
     """
 
     listening: str | UnsetType = UNSET
@@ -102,6 +102,7 @@ class Served(CommandResult, frozen=True):
     mcp: str | UnsetType = UNSET
     token: str | UnsetType = UNSET
     foxglove: str | UnsetType = UNSET
+    ros2: str | UnsetType = UNSET
     metrics: str | UnsetType = UNSET
 
 

@@ -8,6 +8,7 @@ import asyncio
 from servolink.cli.arguments import SPEED, file_path
 from servolink.cli.command import TOGETHER, Command, flag, option
 from servolink.cli.command_session import ENDLESS, Interruption, connection_options, interruptible
+from servolink.cli.screen.result import show_served
 from servolink.cli.together.language_models import SPEED_CAP, log_line
 from servolink.hub import hub_of_board
 from servolink.project import ProjectFile
@@ -37,5 +38,12 @@ async def run(args: argparse.Namespace, interruption: Interruption) -> int:
     project = None if args.project is None else await asyncio.to_thread(ProjectFile.read, args.project)
     async with hub_of_board(args.url, **connection_options(args)) as hub:
         interruption.state, interruption.code = "the content of the board was left unchanged", ExitCode.OK
-        await serve_ros(hub, project, speed_cap=args.speed_cap, outlive=args.outlive, log=log_line)
+        await serve_ros(
+            hub,
+            project,
+            speed_cap=args.speed_cap,
+            outlive=args.outlive,
+            show=lambda node: show_served(ros2=node),
+            log=log_line,
+        )
     return ExitCode.OK

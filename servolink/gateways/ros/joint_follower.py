@@ -1,6 +1,6 @@
-"""Motions for ROS: the newest trajectory is checked, and followed by set-points, until its end or that of its sender.
+"""Motions for ROS: the newest trajectory is checked and followed by set-points, until the sender is gone.
 
-Nothing here imports ROS. What is heard there comes from another thread, and waits in a place for one.
+Nothing here imports ROS. Trajectories come from the thread of ROS, and only the newest trajectory waits.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _BETWEEN_LINES = 1.0  # seconds between two lines of the log about refusals
 
 
 class RosStatus(NamedTuple):
-    """Row of the diagnostics."""
+    """Row of the diagnostics that ROS tools show."""
 
     name: str
     level: int
@@ -46,12 +46,12 @@ class _Heard(NamedTuple):
     data: bytes
     sender: bytes
     at: float
-    """When it came, on the clock of the event loop."""
+    """Time of arrival on the clock of the event loop, in seconds."""
     stream: ServoStream
 
 
 class JointFollower:
-    """Follower of the newest trajectory. `hear` may be called on any thread, all else on that of the event loop."""
+    """Follower of the newest trajectory. Only `hear` may be called on other threads."""
 
     def __init__(
         self,
@@ -73,20 +73,17 @@ class JointFollower:
         self._log = log
         self._outlive = outlive
         self._loop = asyncio.get_running_loop()
-        self._newest: deque[tuple[bytes, bytes, float]] = deque(maxlen=1)  # data, sender and time
+        self._newest: deque[tuple[bytes, bytes, float]] = deque(maxlen=1)
         self._is_waking = False
         self._has_newest = asyncio.Event()
-        self._checked = b""  # sender of the trajectory that is checked, and that of the one that is followed
-        self._followed = b""
-        self._motion: asyncio.Task[None] | None = None
+        self._checked = b""  # sender of the trajectory that is checked
+        self._motion: tuple[bytes, asyncio.Task[None]] | None = None
         self._stopped = RosStatus("guard", 0, "no stop since the last motion")
         self._trouble: dict[str, tuple[float, str]] = {}  # time and text of the latest refusal and problem
         self._logged = -math.inf
 
-    # --- heard on another thread
-
     def hear(self, data: bytes, sender: bytes) -> None:
-        """Take a trajectory in place of any other that waits; `sender` identifies its publisher."""
+        """Keep a trajectory in place of the waiting trajectory; `sender` identifies the publisher."""
         self._newest.append((data, sender, self._loop.time()))
         if not self._is_waking:
             self._is_waking = True
@@ -95,8 +92,6 @@ class JointFollower:
     def _wake(self) -> None:
         self._is_waking = False
         self._has_newest.set()
-
-    # --- on the event loop
 
     async def follow(self) -> None:
         """Obey what is heard, until cancelled; the servos then keep their latest set-points."""
@@ -110,8 +105,8 @@ class JointFollower:
             self._end("")
 
     def left(self, senders: Collection[bytes] | None) -> None:
-        """End what was sent by others than `senders`, the publishers that are left; None: by all."""
-        movers = {self._checked, self._followed} - {b""}
+        """End the motion unless the sender of the trajectory is among the remaining `senders`. None: always."""
+        movers = {self._checked, self._motion[0] if self._motion else b""} - {b""}
         if movers and not self._outlive and (senders is None or not movers <= set(senders)):
             self._end("the motion was ended, as the program that sent the trajectory is gone")
 
@@ -146,7 +141,7 @@ class JointFollower:
         is_late = reading is None or now - reading.seconds > 1.0
         yield RosStatus("board", 2 if is_late else 0, "no readings of the servos" if is_late else "answers", counts)
         texts = {what: text for what, (at, text) in self._trouble.items() if now - at < _RECENT}
-        activity = "follows a trajectory" if self._followed else "idle"
+        activity = "follows a trajectory" if self._motion else "idle"
         yield RosStatus("motion", int(bool(texts)), "; ".join(texts.values()) or activity, {"refused": self._refused})
         yield self._stopped
         by_id = {} if reading is None else {servo.servo_id: servo for servo in reading.servos}
@@ -166,7 +161,7 @@ class JointFollower:
         return {name: angles[servo_id] for name, servo_id in self.joints.items() if servo_id in angles}
 
     async def _obey(self, heard: _Heard) -> None:
-        """Check a trajectory, and follow it in place of the present one."""
+        """Check a trajectory, and replace the motion under way."""
         self._checked = heard.sender
         try:
             delay, trajectory = await asyncio.to_thread(self._read, heard.data)
@@ -174,17 +169,16 @@ class JointFollower:
             self._refuse(str(error))
             self._checked = b""
             return
-        if self._checked:  # nothing has ended it meanwhile
+        if self._checked:  # neither a stop nor the end of the sender came meanwhile
             self._end("")
             if trajectory is not None:
-                self._followed = heard.sender
-                self._motion = self._loop.create_task(self._follow(heard, trajectory, delay))
+                self._motion = heard.sender, self._loop.create_task(self._follow(heard, trajectory, delay))
 
     def _read(self, data: bytes) -> tuple[float, Trajectory | None]:
         try:
             message = self._decode(data)
-        except Exception as error:  # what a library makes of bytes that are no message
-            raise MotionRefused(f"a message that is no trajectory was ignored: {escape(str(error))[:200]}") from error
+        except Exception as error:  # raised by ROS, of any kind
+            raise MotionRefused(f"a message was ignored, as it cannot be read: {escape(str(error))[:200]}") from error
         stamp = message.header.stamp
         trajectory = read_trajectory(message, self.joints, self._board.limits)
         return wait_for(stamp.sec + stamp.nanosec * 1e-9, time.time()), trajectory
@@ -206,16 +200,16 @@ class JointFollower:
         except ServolinkError as error:
             self._refuse(str(error))
         finally:
-            if self._motion is asyncio.current_task():
-                self._followed, self._motion = b"", None
+            if self._motion is not None and self._motion[1] is asyncio.current_task():
+                self._motion = None
 
     def _end(self, why: str) -> None:
         """End the motion, and what is checked: no further set-point is sent."""
-        if why and (self._followed or self._checked):
+        if why and (self._motion or self._checked):
             self._note("motion", why)
-        motion, self._motion, self._followed, self._checked = self._motion, None, b"", b""
+        motion, self._motion, self._checked = self._motion, None, b""
         if motion is not None:
-            motion.cancel()
+            motion[1].cancel()
 
     def _refuse(self, text: str) -> None:
         self._refused += 1

@@ -1,5 +1,7 @@
 """Node of ROS 2 on a thread of its own, between its executor and the event loop of a follower."""
 
+# pyright: reportMissingImports=false
+
 from __future__ import annotations
 
 import asyncio
@@ -34,29 +36,29 @@ from servolink.support import Tasks
 from servolink.twin import to_urdf
 
 NAME: Final = "servolink"
-"""Name of the node."""
+"""Name of the node, and of the first part of its services."""
 
-_MOST_BYTES = 1_048_576  # of a trajectory
+_MOST_BYTES = 1_048_576
 _LIVELY = Duration(seconds=0.5)  # longest lease of liveliness that is watched
 _STOP_LIMIT = 10.0  # seconds for which the executor waits for the event loop
 
 
 class RosNode:
-    """Publishers, subscriptions and services. Its methods are for the event loop; what it hears goes to `follower`."""
+    """Publishers, subscriptions and services of a robot. Public methods are for the event loop."""
 
     def __init__(self, follower: JointFollower, urdf: str) -> None:
         """Begin the node, and its thread. `urdf` is the description of the robot; empty for none."""
         self._ended = asyncio.Event()
         self._follower = follower
         self._loop = asyncio.get_running_loop()
-        # Without it, a robot would listen to all programs of its network.
+        # ROS itself would open the robot to all programs of the network.
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         node = self._node = rclpy.create_node(NAME, context=self._context, start_parameter_services=False)
         self._states = node.create_publisher(JointState, "joint_states", 10)
         self._diagnostics = node.create_publisher(DiagnosticArray, "diagnostics", 10)
-        if urdf:  # also for programs that come later
+        if urdf:  # late subscribers receive the description too
             described = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
             node.create_publisher(String, "robot_description", described).publish(String(data=urdf))
         matched = SubscriptionEventCallbacks(matched=self._match, use_default_callbacks=False)
@@ -124,12 +126,12 @@ class RosNode:
         self._follower.hear(data[: _MOST_BYTES + 1], info["publisher_gid"]["data"])
 
     def _match(self, event: Any) -> None:
-        """Tell of publishers that have left; watch the liveliness of those that offer it."""
+        """Notice publishers that leave, and begin to watch the liveliness of publishers with an offer of liveliness."""
         found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name("joint_trajectory"))
         if event.current_count_change < 0:
             senders = {bytes(each.endpoint_gid) for each in found}
             self._loop.call_soon_threadsafe(self._follower.left, senders)
-        # Only then: publishers without such an offer are told that they do not match.
+        # Not before: ROS warns every publisher without an offer about a subscription that does not match.
         if self._lively is None and any(each.qos_profile.liveliness_lease_duration <= _LIVELY for each in found):
             asked = QoSProfile(depth=1, liveliness=LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=_LIVELY)
             events = SubscriptionEventCallbacks(liveliness=self._miss, use_default_callbacks=False)
@@ -155,9 +157,15 @@ class RosNode:
 
 
 async def serve_ros(
-    hub: str, project: ProjectFile | None, *, speed_cap: float, outlive: bool, log: Callable[[str], None]
+    hub: str,
+    project: ProjectFile | None,
+    *,
+    speed_cap: float,
+    outlive: bool,
+    show: Callable[[str], None],
+    log: Callable[[str], None],
 ) -> None:
-    """Serve the robot of the hub named `hub` as a node, until the hub ends; log its name when it is ready.
+    """Serve the robot of the hub named `hub` as a node, until the hub ends; `show` the name of the node at first.
 
     All motions are slower than `speed_cap` degrees per second. With `outlive`, a trajectory goes on without its sender.
 
@@ -168,7 +176,7 @@ async def serve_ros(
     channel, welcome = await open_channel(hub, Greeting(wants="rpc", who=this_program(), role="watch"))
     try:
         found = await asyncio.to_thread(checks_before_opening, SystemFacts(), [welcome.url])
-        findings = [each for each in found if each.check != "in use"]  # by the hub
+        findings = [each for each in found if each.check != "in use"]
         async with connect(f"share://{hub}?role=move", speed_cap=speed_cap) as board:
             captions = dict.fromkeys(await board.servo_ids(), "")
             stored = await board.servo_parameters() if project is None else project.project.servo_parameters
@@ -177,9 +185,10 @@ async def serve_ros(
             joints = joints_of(captions, urdf)
             follower = JointFollower(board, joints, RosNode.decode, log, outlive=outlive)
             channel.on_notification = follower.hear_hub
-            await channel.call("board.state")  # only a program that has asked something is told of stops
+            await channel.call("board.state")  # the hub notifies only programs with a request
             node = RosNode(follower, urdf)
-            log(f"ROS 2: node /{NAME}, joints {', '.join(joints)}")
+            show(f"/{NAME}")
+            log(f"joints {', '.join(joints)}")
             try:
                 await _until_one_ends(follower.follow(), _publish(node, follower, board, findings, hub), node.fail())
             finally:
@@ -209,7 +218,7 @@ async def _publish(
 
 
 async def _until_one_ends(*works: Coroutine[Any, Any, None]) -> None:
-    """Do works beside each other until one of them ends. Raise its error."""
+    """Run all coroutines concurrently until the first ends, then cancel the rest. Raise the error of the first."""
     tasks = Tasks()
     begun = [tasks.begin(work) for work in works]
     try:

@@ -17,10 +17,10 @@ MOST_POINTS: Final = 10_000
 MOST_SECONDS: Final = 3600.0
 """Longest duration of a trajectory."""
 
-_OLDEST = 1.0  # seconds after its stamp at which a trajectory is still begun
-_LATEST = 60.0  # seconds before its stamp at which a trajectory is taken
+_OLDEST = 1.0  # seconds since the stamp of a trajectory, at most
+_LATEST = 60.0  # seconds from now to the stamp of a trajectory, at most
 _NEAR = 5.0  # degrees from the present angle at which a trajectory may begin without time for the way
-_MOST = 1e6  # of any number in a point, in its unit
+_MOST = 1e6  # highest number in a point, in any unit
 _TURN = 360
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9_]+")
 
@@ -143,7 +143,7 @@ def _pose_of(point: Any, number: int, servos: Sequence[int]) -> tuple[float, ...
         if len(values) != len(servos) and (what == "positions" or len(values)):
             raise _refused(f"point {number} has {len(values)} {what} for {len(servos)} joints")
         if not all(abs(value) <= _MOST for value in values):
-            raise _refused(f"point {number} has {what} that are no numbers of at most {_MOST:g}")
+            raise _refused(f"point {number} has {what} beyond {_MOST:g}")
     return tuple(map(math.degrees, point.positions))
 
 
