@@ -24,9 +24,7 @@ from servolink.support import ExitCode
     examples=("ros2", "ros2 --project robot.servolink.json --speed-cap 120"),
     options=(
         option("--project", "FILE", "a project file: names of the joints, and the figure", file_path),
-        option(
-            "--speed-cap", "DEGREES", f"highest speed, degrees per second ({SPEED_CAP:g})", SPEED, default=SPEED_CAP
-        ),
+        option("--speed-cap", "DEGREES", f"degrees per second, at most ({SPEED_CAP:g})", SPEED, default=SPEED_CAP),
         flag("--outlive", "follow a trajectory to its end though its sender is gone"),
     ),
 )
@@ -38,12 +36,6 @@ async def run(args: argparse.Namespace, interruption: Interruption) -> int:
     project = None if args.project is None else await asyncio.to_thread(ProjectFile.read, args.project)
     async with hub_of_board(args.url, **connection_options(args)) as hub:
         interruption.state, interruption.code = "the content of the board was left unchanged", ExitCode.OK
-        await serve_ros(
-            hub,
-            project,
-            speed_cap=args.speed_cap,
-            outlive=args.outlive,
-            show=lambda node: show_served(ros2=node),
-            log=log_line,
-        )
+        show_served(ros2="/servolink")
+        await serve_ros(hub, project, args.speed_cap, log_line, outlive=args.outlive)
     return ExitCode.OK

@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import msgspec
 from msgspec import Raw
@@ -27,15 +27,18 @@ HZ: Final = 50.0
 """Set-points and readings a second."""
 
 _RECENT = 10.0  # seconds for which a refusal or a problem is a warning
-_BETWEEN_LINES = 1.0  # seconds between two lines of the log about refusals
+
+
+Decode: TypeAlias = Callable[[bytes], Any]
+"""Returns the message in bytes, or raises an error of any kind."""
+Log: TypeAlias = Callable[[str], None]
 
 
 class RosStatus(NamedTuple):
     """Row of the diagnostics that ROS tools show."""
 
     name: str
-    level: int
-    """0 good, 1 a warning, 2 an error."""
+    level: int  # 0 good, 1 a warning, 2 an error
     text: str
     values: Mapping[str, object] = {}
 
@@ -45,28 +48,17 @@ class _Heard(NamedTuple):
 
     data: bytes
     sender: bytes
-    at: float
-    """Time of arrival on the clock of the event loop, in seconds."""
+    at: float  # on the clock of the event loop
     stream: ServoStream
 
 
 class JointFollower:
     """Follower of the newest trajectory. Only `hear` may be called on other threads."""
 
-    def __init__(
-        self,
-        board: Board,
-        joints: Mapping[str, int],
-        decode: Callable[[bytes], Any],
-        log: Callable[[str], None],
-        *,
-        outlive: bool = False,
-    ) -> None:
-        """Move `joints`, servo ids by name. `decode` returns the message in bytes, or raises an error of any kind.
-
-        With `outlive`, a motion goes on when the program that sent its trajectory is gone.
-        """
+    def __init__(self, board: Board, joints: Mapping[str, int], decode: Decode, log: Log, *, outlive: bool) -> None:
+        """Move `joints`, servo ids by name; with `outlive`, a motion goes on when the sender is gone."""
         self.joints = joints
+        self.latest: ServoReading | None = None
         self._refused = 0
         self._board = board
         self._decode = decode
@@ -74,24 +66,17 @@ class JointFollower:
         self._outlive = outlive
         self._loop = asyncio.get_running_loop()
         self._newest: deque[tuple[bytes, bytes, float]] = deque(maxlen=1)
-        self._is_waking = False
         self._has_newest = asyncio.Event()
         self._checked = b""  # sender of the trajectory that is checked
         self._motion: tuple[bytes, asyncio.Task[None]] | None = None
         self._stopped = RosStatus("guard", 0, "no stop since the last motion")
         self._trouble: dict[str, tuple[float, str]] = {}  # time and text of the latest refusal and problem
-        self._logged = -math.inf
 
     def hear(self, data: bytes, sender: bytes) -> None:
         """Keep a trajectory in place of the waiting trajectory; `sender` identifies the publisher."""
         self._newest.append((data, sender, self._loop.time()))
-        if not self._is_waking:
-            self._is_waking = True
-            self._loop.call_soon_threadsafe(self._wake)
-
-    def _wake(self) -> None:
-        self._is_waking = False
-        self._has_newest.set()
+        if not self._has_newest.is_set():
+            self._loop.call_soon_threadsafe(self._has_newest.set)
 
     async def follow(self) -> None:
         """Obey what is heard, until cancelled; the servos then keep their latest set-points."""
@@ -106,8 +91,9 @@ class JointFollower:
 
     def left(self, senders: Collection[bytes] | None) -> None:
         """End the motion unless the sender of the trajectory is among the remaining `senders`. None: always."""
-        movers = {self._checked, self._motion[0] if self._motion else b""} - {b""}
-        if movers and not self._outlive and (senders is None or not movers <= set(senders)):
+        movers = {self._checked, self._motion[0] if self._motion else b"", *(sender for _, sender, _ in self._newest)}
+        if not self._outlive and (senders is None or not movers <= {b"", *senders}):
+            self._newest.clear()
             self._end("the motion was ended, as the program that sent the trajectory is gone")
 
     async def stop(self) -> str:
@@ -115,7 +101,6 @@ class JointFollower:
         self._newest.clear()
         self._end("")
         await self._board.stop()
-        self._log("stop of all servos")
         return "all servos are stopped and held"
 
     async def start(self) -> str:
@@ -134,9 +119,9 @@ class JointFollower:
         elif method == "problem":
             self._note("problem", escape(msgspec.json.decode(params, type=ProblemNotice).text))
 
-    def statuses(self, reading: ServoReading | None, findings: Collection[Finding]) -> Iterator[RosStatus]:
+    def statuses(self, findings: Collection[Finding]) -> Iterator[RosStatus]:
         """Yield the diagnostics: board, motion, guard, each joint, and what doctor has found."""
-        now, stats = self._loop.time(), self._board.stats
+        now, stats, reading = self._loop.time(), self._board.stats, self.latest
         counts = {"timeouts": stats.timeouts, "retries": stats.retries, "noise in bytes": stats.noise}
         is_late = reading is None or now - reading.seconds > 1.0
         yield RosStatus("board", 2 if is_late else 0, "no readings of the servos" if is_late else "answers", counts)
@@ -162,17 +147,16 @@ class JointFollower:
 
     async def _obey(self, heard: _Heard) -> None:
         """Check a trajectory, and replace the motion under way."""
-        self._checked = heard.sender
+        self._checked, found = heard.sender, None
         try:
-            delay, trajectory = await asyncio.to_thread(self._read, heard.data)
+            found = await asyncio.to_thread(self._read, heard.data)
         except MotionRefused as error:
-            self._refuse(str(error))
             self._checked = b""
-            return
-        if self._checked:  # neither a stop nor the end of the sender came meanwhile
+            self._refuse(str(error))
+        if found and self._checked:  # neither a stop nor the end of the sender came meanwhile
             self._end("")
-            if trajectory is not None:
-                self._motion = heard.sender, self._loop.create_task(self._follow(heard, trajectory, delay))
+            if found[1] is not None:
+                self._motion = heard.sender, self._loop.create_task(self._follow(heard, found[1], found[0]))
 
     def _read(self, data: bytes) -> tuple[float, Trajectory | None]:
         try:
@@ -216,12 +200,12 @@ class JointFollower:
         self._note("refusal", text)
 
     def _note(self, what: str, text: str) -> None:
-        """Show a text in the diagnostics, and log it unless lines would flood the log."""
-        now = self._loop.time()
-        self._trouble[what] = (now, text)
-        if now - self._logged >= _BETWEEN_LINES:
-            self._logged = now
-            self._log(f"{text} ({self._refused} refused so far)" if what == "refusal" else text)
+        """Show a text in the diagnostics, and log each text once a second at most."""
+        now, (logged, _) = self._loop.time(), self._trouble.get(what, (-math.inf, ""))
+        if now - logged >= 1.0:
+            logged = now
+            self._log(text)
+        self._trouble[what] = (logged, text)
 
 
 def _is_angle(servo: Any) -> bool:

@@ -7,9 +7,9 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import Callable, Collection, Coroutine, Iterable, Mapping
+from collections.abc import Collection, Coroutine, Iterable, Mapping
 from threading import Thread
-from typing import Any, Final
+from typing import Any
 
 import rclpy
 from builtin_interfaces.msg import Time
@@ -25,18 +25,15 @@ from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from servolink.client import Board, ServoReading, connect
+from servolink.client import Board, connect
 from servolink.control import Greeting, open_channel, this_program
 from servolink.doctor import Finding, SystemFacts, checks_before_opening
 from servolink.errors import ServolinkError
-from servolink.gateways.ros.joint_follower import HZ, JointFollower, RosStatus
+from servolink.gateways.ros.joint_follower import HZ, JointFollower, Log, RosStatus
 from servolink.gateways.ros.trajectories import joints_of
 from servolink.project import ProjectFile
 from servolink.support import Tasks
 from servolink.twin import to_urdf
-
-NAME: Final = "servolink"
-"""Name of the node, and of the first part of its services."""
 
 _MOST_BYTES = 1_048_576
 _LIVELY = Duration(seconds=0.5)  # longest lease of liveliness that is watched
@@ -55,7 +52,7 @@ class RosNode:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        node = self._node = rclpy.create_node(NAME, context=self._context, start_parameter_services=False)
+        node = self._node = rclpy.create_node("servolink", context=self._context, start_parameter_services=False)
         self._states = node.create_publisher(JointState, "joint_states", 10)
         self._diagnostics = node.create_publisher(DiagnosticArray, "diagnostics", 10)
         if urdf:  # late subscribers receive the description too
@@ -93,9 +90,8 @@ class RosNode:
         message = DiagnosticArray()
         message.header.stamp = _stamp(time.time())
         for name, level, text, values in statuses:
-            pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-            row = DiagnosticStatus(level=bytes([level]), name=f"{NAME}: {name}", message=text, hardware_id=hub)
-            row.values = pairs
+            row = DiagnosticStatus(level=bytes([level]), name=f"servolink: {name}", message=text, hardware_id=hub)
+            row.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
             message.status.append(row)
         self._diagnostics.publish(message)
 
@@ -104,17 +100,12 @@ class RosNode:
         await self._ended.wait()
         raise ServolinkError("ROS 2 has ended with an error, which it has printed; start the command again")
 
-    async def close(self) -> None:
-        """End the thread and the node."""
-        await asyncio.to_thread(self._close)
-
-    def _close(self) -> None:
+    def close(self) -> None:
+        """End the thread and the node; to be called on another thread than that of the event loop."""
         self._executor.shutdown()
         self._thread.join()  # before the end of the context, or the process would abort
         self._node.destroy_node()
         rclpy.shutdown(context=self._context)
-
-    # --- on the thread of the executor
 
     def _spin(self) -> None:
         try:
@@ -156,22 +147,10 @@ class RosNode:
         return response
 
 
-async def serve_ros(
-    hub: str,
-    project: ProjectFile | None,
-    *,
-    speed_cap: float,
-    outlive: bool,
-    show: Callable[[str], None],
-    log: Callable[[str], None],
-) -> None:
-    """Serve the robot of the hub named `hub` as a node, until the hub ends; `show` the name of the node at first.
+async def serve_ros(hub: str, project: ProjectFile | None, speed_cap: float, log: Log, *, outlive: bool) -> None:
+    """Serve the robot of the hub named `hub` as the node `servolink`, and raise ServolinkError when hub or ROS ends.
 
-    All motions are slower than `speed_cap` degrees per second. With `outlive`, a trajectory goes on without its sender.
-
-    Raises:
-        OpenError: There is no such hub.
-        ServolinkError: ROS has ended.
+    All motions are slower than `speed_cap` degrees per second. With `outlive`, a trajectory goes on without the sender.
     """
     channel, welcome = await open_channel(hub, Greeting(wants="rpc", who=this_program(), role="watch"))
     try:
@@ -187,46 +166,32 @@ async def serve_ros(
             channel.on_notification = follower.hear_hub
             await channel.call("board.state")  # the hub notifies only programs with a request
             node = RosNode(follower, urdf)
-            show(f"/{NAME}")
             log(f"joints {', '.join(joints)}")
+            tasks = Tasks()
+            works = follower.follow(), _publish(node, follower, board), _diagnose(node, follower, findings, hub)
+            begun = [tasks.begin(work) for work in (*works, node.fail())]
             try:
-                await _until_one_ends(follower.follow(), _publish(node, follower, board, findings, hub), node.fail())
+                done, _ = await asyncio.wait(begun, return_when=asyncio.FIRST_COMPLETED)
+                done.pop().result()
             finally:
-                await node.close()
+                await tasks.close()
+                await asyncio.to_thread(node.close)
     finally:
         await channel.close()
 
 
-async def _publish(
-    node: RosNode, follower: JointFollower, board: Board, findings: Collection[Finding], hub: str
-) -> None:
-    """Publish readings, and the diagnostics once a second. Raise ConnectionLost at the end of the hub."""
-    latest: ServoReading | None = None
-
-    async def diagnose() -> None:
-        while True:
-            node.publish_diagnostics(follower.statuses(latest, findings), hub)
-            await asyncio.sleep(1.0)
-
-    async def states() -> None:
-        nonlocal latest
-        async for latest in board.watch(HZ):
-            ago = asyncio.get_running_loop().time() - latest.seconds
-            node.publish_states(follower.angles_in(latest), time.time() - ago)
-
-    await _until_one_ends(diagnose(), states())
+async def _publish(node: RosNode, follower: JointFollower, board: Board) -> None:
+    """Publish each reading of the servos. Raise ConnectionLost at the end of the hub."""
+    async for follower.latest in board.watch(HZ):
+        ago = asyncio.get_running_loop().time() - follower.latest.seconds
+        node.publish_states(follower.angles_in(follower.latest), time.time() - ago)
 
 
-async def _until_one_ends(*works: Coroutine[Any, Any, None]) -> None:
-    """Run all coroutines concurrently until the first ends, then cancel the rest. Raise the error of the first."""
-    tasks = Tasks()
-    begun = [tasks.begin(work) for work in works]
-    try:
-        done, _ = await asyncio.wait(begun, return_when=asyncio.FIRST_COMPLETED)
-        for each in done:
-            each.result()
-    finally:
-        await tasks.close()
+async def _diagnose(node: RosNode, follower: JointFollower, findings: Collection[Finding], hub: str) -> None:
+    """Publish the diagnostics once a second."""
+    while True:
+        node.publish_diagnostics(follower.statuses(findings), hub)
+        await asyncio.sleep(1.0)
 
 
 def _stamp(seconds: float) -> Any:

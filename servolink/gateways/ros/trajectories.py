@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 from xml.etree import ElementTree as ET
 
@@ -94,7 +94,12 @@ def read_trajectory(message: Any, joints: Mapping[str, int], limits: MotionLimit
     seconds: list[float] = []
     poses: list[tuple[float, ...]] = []
     for number, point in enumerate(points, 1):
-        seconds.append(_time_of(point, number, seconds))
+        time = point.time_from_start.sec + point.time_from_start.nanosec * 1e-9
+        if not 0 <= time <= MOST_SECONDS:
+            raise _refused(f"point {number} is at {time:g} s; times must be within 0..{MOST_SECONDS:g} s")
+        if seconds and time <= seconds[-1]:
+            raise _refused(f"point {number} is at {time:g} s, not later than point {number - 1} at {seconds[-1]:g} s")
+        seconds.append(float(time))
         poses.append(_pose_of(point, number, servos))
     trajectory = Trajectory(tuple(servos), tuple(seconds), tuple(poses))
     _check_limits(trajectory, tuple(message.joint_names), limits)
@@ -117,23 +122,13 @@ def wait_for(stamp: float, now: float) -> float:
 def _named(names: Sequence[str], joints: Mapping[str, int]) -> list[int]:
     """Return the servos of a trajectory."""
     if not names or len(names) > len(joints):
-        raise _refused(f"names {len(names)} joints; this robot has {len(joints)}: {_listed(joints)}")
+        raise _refused(f"names {len(names)} joints; this robot has {len(joints)}: {quote(', '.join(joints))}")
     for number, name in enumerate(names):
         if name not in joints:
-            raise _refused(f"names the joint {quote(name)}; this robot has {_listed(joints)}")
+            raise _refused(f"names the joint {quote(name)}; this robot has {quote(', '.join(joints))}")
         if name in names[:number]:
             raise _refused(f"names the joint {quote(name)} twice")
     return [joints[name] for name in names]
-
-
-def _time_of(point: Any, number: int, before: Sequence[float]) -> float:
-    """Return the time of a point in seconds."""
-    seconds = point.time_from_start.sec + point.time_from_start.nanosec * 1e-9
-    if not 0 <= seconds <= MOST_SECONDS:
-        raise _refused(f"point {number} is at {seconds:g} s; times must be within 0..{MOST_SECONDS:g} s")
-    if before and seconds <= before[-1]:
-        raise _refused(f"point {number} is at {seconds:g} s, not later than point {number - 1} at {before[-1]:g} s")
-    return float(seconds)
 
 
 def _pose_of(point: Any, number: int, servos: Sequence[int]) -> tuple[float, ...]:
@@ -164,10 +159,6 @@ def _check_limits(trajectory: Trajectory, names: Sequence[str], limits: MotionLi
                 speed = abs(angle - before) / (seconds - since)
                 raise _refused(f"{what}: {speed:.0f} degrees per second is faster than {cap}")
             before, since = angle, seconds
-
-
-def _listed(joints: Iterable[str]) -> str:
-    return quote(", ".join(joints))
 
 
 def _refused(text: str) -> MotionRefused:

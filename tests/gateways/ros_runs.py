@@ -1,0 +1,267 @@
+"""`servolink ros2` with ROS 2 itself, in several processes on this machine: what is measured, and what must hold.
+
+`python -m tests.gateways.ros_runs`, in an environment with the extra ros2, prints the figures, and fails if one is out
+of bounds. `python -m tests.gateways.ros_runs mover SECONDS` is a program that sends a trajectory, and is ended.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import rclpy
+from builtin_interfaces.msg import Duration as Seconds
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException
+from rclpy.qos import LivelinessPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from tests import processes
+
+PATIENCE = 60.0
+"""Seconds for what has no bound of its own, such as discovery."""
+JOINT = "servo_1"
+NAN = math.nan
+FLOOD = 1000
+"""Messages a second."""
+
+
+def trajectory(*points: tuple[float, float], names: tuple[str, ...] = (JOINT,)) -> Any:
+    """Return a trajectory of times and angles in degrees, each the angle of all joints."""
+    message = JointTrajectory(joint_names=list(names))
+    for seconds, degrees in points:
+        at = Seconds(sec=int(seconds), nanosec=int(seconds % 1 * 1e9))
+        message.points.append(JointTrajectoryPoint(positions=[math.radians(degrees)] * len(names), time_from_start=at))
+    return message
+
+
+class Client:
+    """Program of ROS that sees and moves the robot."""
+
+    def __init__(self) -> None:
+        rclpy.init(args=[])
+        self.node = rclpy.create_node("client")
+        self.ages: list[float] = []
+        self.track: list[tuple[float, float]] = []
+        """Stamps, and angles of the joint in degrees."""
+        self.diagnostics: dict[str, tuple[int, str]] = {}
+        self.node.create_subscription(JointState, "joint_states", self._see, 10)
+        self.node.create_subscription(DiagnosticArray, "diagnostics", self._read, 10)
+        self.publisher = self.node.create_publisher(JointTrajectory, "joint_trajectory", 10)
+
+    def _see(self, message: Any) -> None:
+        stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+        self.ages.append(time.time() - stamp)
+        self.track.append((stamp, math.degrees(message.position[message.name.index(JOINT)])))
+
+    def _read(self, message: Any) -> None:
+        self.diagnostics = {row.name: (row.level[0], row.message) for row in message.status}
+
+    def until(self, done: Callable[[], object], what: str, seconds: float = PATIENCE) -> None:
+        """Take what comes until something is so. End if it takes too long."""
+        end = time.time() + seconds
+        while not done():
+            if time.time() > end:
+                sys.exit(f"{what} took longer than {seconds:g} s: {self.diagnostics}")
+            rclpy.spin_once(self.node, timeout_sec=0.02)
+
+    def during(self, seconds: float) -> None:
+        """Take what comes for a time."""
+        end = time.time() + seconds
+        self.until(lambda: time.time() > end, "waiting", seconds + PATIENCE)
+
+    def call(self, name: str) -> float:
+        """Call a service, and return the seconds until its answer."""
+        service = self.node.create_client(Trigger, f"/servolink/{name}")
+        self.until(service.service_is_ready, name)
+        begun = time.time()
+        answer = service.call_async(Trigger.Request())
+        self.until(answer.done, name)
+        seconds = time.time() - begun
+        assert answer.result().success, answer.result().message
+        return seconds
+
+    def moving(self) -> None:
+        """Return when the joint turns."""
+        self.track.clear()
+        self.until(lambda: len({angle for _, angle in self.track}) > 3, "moving")
+
+    def last_turn(self, since: float) -> float:
+        """Return the seconds from `since` to the last reading in which the joint had turned."""
+        self.during(2.0)
+        turns = [after[0] for before, after in zip(self.track, self.track[1:], strict=False) if before[1] != after[1]]
+        return max([turn - since for turn in turns if turn > since], default=0.0)
+
+    def home(self) -> None:
+        """Start the servos, and bring the joint to 0."""
+        self.call("start")
+        self.publisher.publish(trajectory((1.5, 0)))
+        self.until(lambda: self.track[-1][1] == 0, "the way back")
+
+
+def track_of_200_points(client: Client) -> None:
+    """Measure how far the joint is from a trajectory of 200 points."""
+
+    def angle(seconds: float) -> float:
+        return 30 * math.sin(math.tau * seconds / 5)
+
+    client.home()
+    client.track.clear()
+    begun = time.time()
+    client.publisher.publish(trajectory(*((at / 20, angle(at / 20)) for at in range(1, 201))))
+    client.during(11.0)
+    for lag in (0.0, 0.02, 0.04, 0.06, 0.08, 0.1):
+        off = [abs(found - angle(stamp - begun - lag)) for stamp, found in client.track if 0.5 < stamp - begun < 9.8]
+        rms = math.sqrt(sum(one * one for one in off) / len(off))
+        print(
+            f"200 points in 10 s, up to 38 degrees/s, seen {lag:.2f} s late: rms {rms:.2f}, most {max(off):.2f} degrees"
+        )
+    assert abs(client.track[-1][1] - angle(10)) <= 1
+
+
+def stops(client: Client) -> None:
+    """Measure the answer of a stop, and how long the joint turns after it."""
+    answers, turns = [], []
+    for _ in range(5):
+        client.home()
+        client.publisher.publish(trajectory((0.5, 0), (8.0, 150)))
+        client.moving()
+        called = time.time()
+        answers.append(client.call("stop"))
+        turns.append(client.last_turn(called))
+    print(f"stop: answer {1000 * median(answers):.0f} ms, most {1000 * max(answers):.0f} ms; ", end="")
+    print(f"last turn seen {1000 * median(turns):.0f} ms after the call, most {1000 * max(turns):.0f} ms")
+    assert median(turns) <= 0.1
+
+
+def death_of_a_client(client: Client, how: signal.Signals, lease: float) -> None:
+    """Measure how long the joint turns after the end of the program that has sent the trajectory."""
+    client.home()
+    mover = processes.start((sys.executable, "-m", __spec__.name, "mover", str(lease)))
+    client.moving()
+    ended = time.time()
+    processes.finish(mover, how)
+    seconds = client.last_turn(ended)
+    client.during(1.0)
+    print(f"{how.name} of a client, lease {lease:g} s: last turn seen {1000 * seconds:.0f} ms later")
+    assert client.track[-1][1] < 140, "it went to the end"
+    assert seconds <= 1.0
+    assert client.diagnostics["servolink: motion"] == (
+        1,
+        "the motion was ended, as the program that sent the trajectory is gone",
+    )
+
+
+def mover(lease: float) -> None:
+    """Send a trajectory when the robot listens, and live on."""
+    rclpy.init(args=[])
+    node = rclpy.create_node("mover")
+    qos = QoSProfile(depth=1)
+    if lease:
+        qos.liveliness, qos.liveliness_lease_duration = LivelinessPolicy.AUTOMATIC, Duration(seconds=lease)
+    publisher = node.create_publisher(JointTrajectory, "joint_trajectory", qos)
+    while not publisher.get_subscription_count():
+        rclpy.spin_once(node, timeout_sec=0.05)
+    publisher.publish(trajectory((0.5, 0), (8.0, 150)))
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        node.destroy_node()
+
+
+def garbage(client: Client, door: int) -> None:
+    """Send what must be refused, then a flood of it, beside which a stop must go through."""
+    wrong = {
+        "beyond 1e+06": trajectory((1, NAN)),
+        "names the joint 'tail'": trajectory((1, 0), names=("tail",)),
+        "has 1 positions for 2 joints": trajectory((1, 0)),
+        "not later than": trajectory((1, 0), (1, 0)),
+        "beyond a whole turn": trajectory((60, 900)),
+        "has 10001 points": trajectory(*((at / 10, 0) for at in range(10_001))),
+    }
+    wrong["has 1 positions for 2 joints"].joint_names.append("servo_2")
+    for why, message in wrong.items():
+        client.publisher.publish(message)
+        client.until(lambda why=why: why in client.diagnostics["servolink: motion"][1], why)
+    client.home()
+    client.publisher.publish(trajectory((0.5, 0), (20.0, 150)))
+    client.moving()
+    messages = [message for message in wrong.values() if len(message.points) < 10]  # others take longer to send
+    before = memory(door)
+    begun, sent, ages = time.time(), 0, len(client.ages)
+    while (now := time.time() - begun) < 10.0:
+        while sent < now * FLOOD:
+            client.publisher.publish(messages[sent % len(messages)])
+            sent += 1
+        rclpy.spin_once(client.node, timeout_sec=0)
+    grown = memory(door) - before
+    print(f"{sent / now:.0f} wrong messages a second for {now:.0f} s: memory grew by {grown / 1e6:.1f} MB, ", end="")
+    print(f"states {1000 * median(client.ages[ages:]):.1f} ms old")
+    turned = client.track[-1][1] > 30
+    called = time.time()
+    print(f"a stop right after it: answer {1000 * client.call('stop'):.0f} ms, ", end="")
+    print(f"last turn seen {1000 * client.last_turn(called):.0f} ms later")
+    assert turned, "the motion did not go on"
+    assert grown < 20e6
+
+
+def memory(process: int) -> int:
+    """Return the bytes of memory that a process has."""
+    found = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
+    assert found is not None
+    return 1024 * int(found[1])
+
+
+@contextmanager
+def served() -> Iterator[int]:
+    """Serve a virtual board to ROS; yield the id of the process."""
+    command = (sys.executable, "-m", "servolink")
+    board = processes.start((*command, "virtual", "--servos", "6", "--tcp", "127.0.0.1:0"))
+    assert board.stdout is not None
+    url = board.stdout.readline().split()[1]
+    door = processes.start((*command, "ros2", "--board", url, "--speed-cap", "200"))
+    assert door.stdout is not None
+    assert door.stdout.readline() == "ros2 /servolink\n"
+    try:
+        yield door.pid
+    finally:
+        out, log = processes.finish(door, signal.SIGTERM)
+        print(f"{out}the log of the node has {log.count(chr(10))} lines")
+        processes.finish(board, signal.SIGTERM)
+
+
+def main() -> None:
+    """Measure all, in about three minutes."""
+    os.environ |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": "77"}
+    with served() as door:
+        client = Client()
+        client.until(lambda: client.track and client.publisher.get_subscription_count(), "discovery")
+        client.ages.clear()
+        client.during(10.0)
+        aged = sorted(client.ages)
+        print(f"states: {len(aged) / 10:.1f} a second, {1000 * median(aged):.1f} ms old", end="")
+        print(f", p99 {1000 * aged[len(aged) * 99 // 100]:.1f} ms")
+        assert median(aged) <= 0.01
+        track_of_200_points(client)
+        stops(client)
+        death_of_a_client(client, signal.SIGINT, 0.0)
+        death_of_a_client(client, signal.SIGKILL, 0.4)
+        garbage(client, door)
+        client.node.destroy_node()
+        rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    mover(float(sys.argv[2])) if sys.argv[1:2] == ["mover"] else main()
