@@ -28,7 +28,6 @@ HZ: Final = 50.0
 
 _RECENT = 10.0  # seconds for which a refusal or a problem is a warning
 
-
 Decode: TypeAlias = Callable[[bytes], Any]
 """Returns the message in bytes, or raises an error of any kind."""
 Log: TypeAlias = Callable[[str], None]
@@ -91,7 +90,7 @@ class JointFollower:
 
     def left(self, senders: Collection[bytes] | None) -> None:
         """End the motion unless the sender of the trajectory is among the remaining `senders`. None: always."""
-        movers = {self._checked, self._motion[0] if self._motion else b"", *(sender for _, sender, _ in self._newest)}
+        movers = {self._checked, self._motion[0] if self._motion else b"", *(each[1] for each in list(self._newest))}
         if not self._outlive and (senders is None or not movers <= {b"", *senders}):
             self._newest.clear()
             self._end("the motion was ended, as the program that sent the trajectory is gone")

@@ -124,10 +124,9 @@ def _named(names: Sequence[str], joints: Mapping[str, int]) -> list[int]:
     if not names or len(names) > len(joints):
         raise _refused(f"names {len(names)} joints; this robot has {len(joints)}: {quote(', '.join(joints))}")
     for number, name in enumerate(names):
-        if name not in joints:
-            raise _refused(f"names the joint {quote(name)}; this robot has {quote(', '.join(joints))}")
-        if name in names[:number]:
-            raise _refused(f"names the joint {quote(name)} twice")
+        if name not in joints or name in names[:number]:
+            again = " twice" if name in joints else ""
+            raise _refused(f"names the joint {quote(name)}{again}; this robot has {quote(', '.join(joints))}")
     return [joints[name] for name in names]
 
 
@@ -152,9 +151,7 @@ def _check_limits(trajectory: Trajectory, names: Sequence[str], limits: MotionLi
             if allowed := limits.exceeded_angles(servo_id, round(angle)):
                 raise _refused(f"{what}: {angle:.1f} degrees is outside {allowed} of servo {servo_id}")
             if abs(angle) > _TURN and limits.of(servo_id) is None:
-                raise _refused(
-                    f"{what}: {angle:.1f} degrees is beyond a whole turn, and servo {servo_id} has no limits"
-                )
+                raise _refused(f"{what}: {angle:.1f} degrees is beyond a whole turn, and there are no limits")
             if since >= 0 and (cap := limits.exceeded_cap(servo_id, angle - before, seconds - since)):
                 speed = abs(angle - before) / (seconds - since)
                 raise _refused(f"{what}: {speed:.0f} degrees per second is faster than {cap}")
