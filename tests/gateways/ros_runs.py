@@ -4,6 +4,8 @@
 of bounds. `python -m tests.gateways.ros_runs mover SECONDS` is a program that sends a trajectory, and is ended.
 """
 
+# pyright: reportMissingImports=false
+
 from __future__ import annotations
 
 import math
