@@ -20,8 +20,8 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 79_400,
-    "files": 472,
+    "lines": 79_470,
+    "files": 475,
     "names that cross rooms": 607,
     "own imports of a file, median": 5,
     "own imports of a file, 90 %": 12,
