@@ -261,6 +261,10 @@ def name_and_trim(place: Place) -> None:
     place.page.locator(".mrow").nth(5).click()
     place.page.get_by_label("Name of the servo").fill("Left elbow")
     place.page.get_by_label("Name of the servo").press("Enter")
+    start = place.button("Start all servos")  # stopped by another row
+    if start.is_visible():
+        start.click()
+        start.wait_for(state="hidden")
     was, old = place.board.servo(6).angle, place.board.servo_parameters()[5].adjusted_degree
     place.button("+5°").click()
     until(lambda: place.board.servo(6).angle == was + 5)
