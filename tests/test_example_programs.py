@@ -8,6 +8,7 @@ import json
 import os
 import re
 import runpy
+import signal
 import sys
 from pathlib import Path
 
@@ -122,6 +123,18 @@ def test_tests_with_a_fake_board(tmp_path: Path) -> None:
         [*command, "-c", os.devnull, str(EXAMPLES / "test_wave.py")], cwd=tmp_path, env=environment(), check=True
     )
     assert "2 passed" in done.stdout
+
+
+def test_a_wave_in_ros(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy", reason="for this example", exc_type=ImportError)
+    command = [sys.executable, "-m", "servolink", "--board", "virtual://?servos=2", "ros2"]
+    within = {**environment(), "ROS_DOMAIN_ID": "76", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    node = processes.start(command, env=within)
+    assert node.stdout is not None
+    assert node.stdout.readline() == "ros2 /servolink\n"
+    done = processes.run([sys.executable, str(EXAMPLES / "ros_wave.py")], cwd=tmp_path, env=within)
+    processes.finish(node, signal.SIGTERM)
+    assert done.stdout == "servo_1 is at 20 degrees\nservo_1 is at 0 degrees\n", done.stderr
 
 
 def test_a_web_api(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,8 @@
 """`servolink ros2` with ROS 2 itself, in several processes on this machine: what is measured, and what must hold.
 
-`python -m tests.gateways.ros_runs`, in an environment with the extra ros2, prints the figures, and fails if one is out
-of bounds. `python -m tests.gateways.ros_runs mover SECONDS` is a program that sends a trajectory, and is ended.
+`python -m tests.gateways.ros_runs`, in an environment with the extra ros2 and what `ros_messages/build` adds, prints
+the figures, and fails if one is out of bounds. `python -m tests.gateways.ros_runs mover SECONDS` is a program that is
+ended after it has sent a trajectory.
 """
 
 # pyright: reportMissingImports=false
@@ -18,20 +19,38 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import rclpy
+from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration as Seconds
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTolerance
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.action import ActionClient
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
-from rclpy.qos import LivelinessPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from servolink import Project, ServoParameter, save_project
+from servolink.project import Figure, Joint, View
 from tests import processes
 
+ARM = Figure(
+    version=1,
+    name="Arm",
+    view=View(),
+    joints=(
+        Joint("base", length=40, along=(0, 1, 0), width=80),
+        Joint("lower", "base", servo=1, at=(0, 40, 0), length=150, along=(0, 1, 0), limits=(-90, 90)),
+        Joint("upper", "lower", servo=2, at=(0, 150, 0), length=120, along=(0, 1, 0), limits=(-90, 90)),
+    ),
+)
 PATIENCE = 60.0
 """Seconds for what has no bound of its own, such as discovery."""
 JOINT = "servo_1"
@@ -62,6 +81,9 @@ class Client:
         self.node.create_subscription(JointState, "joint_states", self._see, 10)
         self.node.create_subscription(DiagnosticArray, "diagnostics", self._read, 10)
         self.publisher = self.node.create_publisher(JointTrajectory, "joint_trajectory", 10)
+
+        self.action = ActionClient(self.node, FollowJointTrajectory, "/servolink/follow_joint_trajectory")
+        self.feedback: list[Any] = []
 
     def _see(self, message: Any) -> None:
         stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
@@ -94,6 +116,23 @@ class Client:
         seconds = time.time() - begun
         assert answer.result().success, answer.result().message
         return seconds
+
+    def ask(self, *points: tuple[float, float], names: tuple[str, ...] = (JOINT,), **more: Any) -> Any:
+        """Send a goal of the action, and return its handle."""
+        self.feedback.clear()
+        self.until(self.action.server_is_ready, "the action")
+        goal = FollowJointTrajectory.Goal(trajectory=trajectory(*points, names=names), **more)
+        sent = self.action.send_goal_async(goal, feedback_callback=lambda one: self.feedback.append(one.feedback))
+        self.until(sent.done, "the goal")
+        assert sent.result().accepted
+        return sent.result()
+
+    def outcome(self, handle: Any) -> tuple[int, int, str]:
+        """Return status, code and text of the result of a goal."""
+        answer = handle.get_result_async()
+        self.until(answer.done, "the result")
+        found = answer.result()
+        return found.status, found.result.error_code, found.result.error_string
 
     def moving(self) -> None:
         """Return when the joint turns."""
@@ -146,6 +185,87 @@ def stops(client: Client) -> None:
     print(f"stop: answer {1000 * median(answers):.0f} ms, most {1000 * max(answers):.0f} ms; ", end="")
     print(f"last turn seen {1000 * median(turns):.0f} ms after the call, most {1000 * max(turns):.0f} ms")
     assert median(turns) <= 0.1
+
+
+def goals(client: Client) -> None:
+    """Let goals of the action succeed, be refused, and be out of their tolerances."""
+    aborted, result = GoalStatus.STATUS_ABORTED, FollowJointTrajectory.Result
+    client.home()
+    begun = time.time()
+    assert client.outcome(client.ask((1.0, 20), (2.0, 40))) == (GoalStatus.STATUS_SUCCEEDED, result.SUCCESSFUL, "")
+    seconds = time.time() - begun
+    print(f"a goal of 2 s succeeded after {seconds:.2f} s, with {len(client.feedback)} times feedback")
+    assert 2.0 <= seconds <= 3.0
+    assert abs(client.track[-1][1] - 40) <= 2
+    assert 10 <= len(client.feedback) <= 25
+    last = client.feedback[-1]
+    assert list(last.joint_names) == [JOINT]
+    assert abs(last.desired.positions[0] - last.actual.positions[0] - last.error.positions[0]) < 1e-9
+    for points, names, code, why in (
+        ([(60.0, 900.0)], (JOINT,), result.INVALID_GOAL, "beyond a whole turn, and there are no limits; nothing was"),
+        ([(0.1, 100.0)], (JOINT,), result.INVALID_GOAL, "faster than"),
+        ([], (JOINT,), result.INVALID_GOAL, "has no points"),
+        ([(1.0, 0.0)], ("tail",), result.INVALID_JOINTS, "names the joint 'tail'; this robot has"),
+    ):
+        status, found, text = client.outcome(client.ask(*points, names=names))
+        assert (status, found) == (aborted, code), (status, found, text)
+        assert why in text
+    strict = [JointTolerance(name=JOINT, position=0.001)]
+    status, found, text = client.outcome(client.ask((2.0, 0.0), path_tolerance=strict))
+    assert (status, found) == (aborted, result.PATH_TOLERANCE_VIOLATED), text
+    print(text)
+    client.during(0.5)
+    assert client.track[-1][1] > 20, "it did not hold where it was"
+    status, found, text = client.outcome(client.ask((1.0, 30.5), goal_tolerance=strict))
+    assert (status, found) == (aborted, result.GOAL_TOLERANCE_VIOLATED), text
+    print(text)
+
+
+def ended_goals(client: Client) -> None:
+    """Let goals be replaced, cancelled and stopped."""
+    aborted, code = GoalStatus.STATUS_ABORTED, FollowJointTrajectory.Result.INVALID_GOAL
+    client.home()
+    long = (0.5, 0.0), (4.0, 150.0)
+    older = client.ask(*long)
+    client.moving()
+    newer = client.ask(*long)
+    assert client.outcome(older) == (aborted, code, "a newer trajectory came")
+    client.publisher.publish(trajectory(*long))
+    assert client.outcome(newer)[2] == "a newer trajectory came"
+    cancels = []
+    for _ in range(5):
+        client.home()
+        handle = client.ask(*long)
+        client.moving()
+        called = time.time()
+        handle.cancel_goal_async()
+        assert client.outcome(handle) == (GoalStatus.STATUS_CANCELED, code, "the goal was cancelled")
+        cancels.append(client.last_turn(called))
+    print(f"cancel: last turn seen {1000 * median(cancels):.0f} ms after it, most {1000 * max(cancels):.0f} ms")
+    assert max(cancels) <= 0.3
+    topic = client.node.create_publisher(Empty, "stop", 1)
+    for is_topic in (False, True):
+        client.home()
+        client.until(topic.get_subscription_count, "the topic")
+        handle = client.ask(*long)
+        client.moving()
+        called = time.time()
+        topic.publish(Empty()) if is_topic else client.call("stop")
+        status, found, text = client.outcome(handle)
+        print(f"stop: the goal ends with {text!r}, last turn {1000 * client.last_turn(called):.0f} ms after it")
+        assert (status, found) == (aborted, code)
+        assert "stopped" in text
+
+
+def description(client: Client) -> None:
+    """Receive the URDF as a late subscriber."""
+    texts: list[str] = []
+    late = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    client.node.create_subscription(String, "robot_description", lambda message: texts.append(message.data), late)
+    client.until(lambda: texts, "the description")
+    joints = re.findall(r'<joint name="([^"]+)" type="revolute"', texts[0])
+    print(f"the description has {len(texts[0])} bytes and the joints {', '.join(joints)}")
+    assert JOINT in joints
 
 
 def death_of_a_client(client: Client, how: signal.Signals, lease: float) -> None:
@@ -227,13 +347,15 @@ def memory(process: int) -> int:
 
 
 @contextmanager
-def served() -> Iterator[int]:
-    """Serve a virtual board to ROS; yield the id of the process."""
+def served(project: Path) -> Iterator[int]:
+    """Serve a virtual board to ROS with a figure, in a project that is written; yield the id of the process."""
+    captions = ServoParameter(1, 0, "servo 1"), ServoParameter(2, 0, "servo 2")
+    save_project(str(project), Project(servo_parameters=captions), figure=ARM)
     command = (sys.executable, "-m", "servolink")
     board = processes.start((*command, "virtual", "--servos", "6", "--tcp", "127.0.0.1:0"))
     assert board.stdout is not None
     url = board.stdout.readline().split()[1]
-    door = processes.start((*command, "ros2", "--board", url, "--speed-cap", "200"))
+    door = processes.start((*command, "ros2", "--board", url, "--speed-cap", "200", "--project", str(project)))
     assert door.stdout is not None
     assert door.stdout.readline() == "ros2 /servolink\n"
     try:
@@ -245,9 +367,9 @@ def served() -> Iterator[int]:
 
 
 def main() -> None:
-    """Measure all, in about three minutes."""
+    """Measure all, in about five minutes."""
     os.environ |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": "77"}
-    with served() as door:
+    with TemporaryDirectory() as folder, served(Path(folder) / "arm.servolink.json") as door:
         client = Client()
         client.until(lambda: client.track and client.publisher.get_subscription_count(), "discovery")
         client.ages.clear()
@@ -256,6 +378,9 @@ def main() -> None:
         print(f"states: {len(aged) / 10:.1f} a second, {1000 * median(aged):.1f} ms old", end="")
         print(f", p99 {1000 * aged[len(aged) * 99 // 100]:.1f} ms")
         assert median(aged) <= 0.01
+        description(client)
+        goals(client)
+        ended_goals(client)
         track_of_200_points(client)
         stops(client)
         death_of_a_client(client, signal.SIGINT, 0.0)

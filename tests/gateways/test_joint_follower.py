@@ -18,9 +18,10 @@ from servolink.control import Greeting, open_channel
 from servolink.doctor import Finding
 from servolink.errors import RequestRefused
 from servolink.gateways.ros.joint_follower import HZ, JointFollower
+from servolink.gateways.ros.trajectories import RosGoal
 from servolink.protocol import ExecuteActionRequest
 from tests.gateways.robots import GUARD, RobotSeen, shared_robot
-from tests.gateways.test_ros_trajectories import message, point
+from tests.gateways.test_ros_trajectories import goal_message, message, point, row
 
 JOINTS = {"arm": 1, "left_knee": 2, "foot": 3}
 SLOW = message(["arm"], point(30, 60))
@@ -237,3 +238,56 @@ def test_a_start_needs_the_right_to_move() -> None:
                 await follower.start()
 
     asyncio.run(main())
+
+
+def test_goals_are_reached_replaced_cancelled_stopped_and_refused() -> None:
+    async def use(scene: Scene) -> None:
+        results: list[tuple[int, str]] = []
+
+        def ask(trajectory: Any, **more: Any) -> RosGoal:
+            goal = RosGoal(goal_message(trajectory, **more), lambda *each: results.append(each))
+            scene.follower.hear(b"", b"", goal)
+            return goal
+
+        async def result() -> tuple[int, str]:
+            await scene.robot.until(lambda: bool(results))
+            return results.pop()
+
+        async def look() -> None:
+            async for reading in scene.robot.board.watch(HZ):
+                scene.follower.latest = reading
+
+        looking = asyncio.create_task(look())
+        ask(message(["arm"], point(0.4, 10)), late=60)
+        assert await result() == (0, "")
+        assert await scene.angle(1) == 10
+        ask(message(["tail"], point(0.4, 10)))
+        code, text = await result()
+        assert (code, text.startswith("the trajectory names the joint 'tail'")) == (-2, True)
+        ask(message(["arm"], point(0, 170)))
+        code, text = await result()
+        assert (code, "faster than" in text) == (-1, True)
+        ask(SLOW)
+        await scene.moving()
+        goal = ask(SLOW)
+        assert await result() == (-1, "a newer trajectory came")
+        await scene.moving()
+        scene.follower.left(())
+        await scene.moving()
+        scene.follower.abandon(goal)
+        assert await result() == (-1, "the goal was cancelled")
+        await scene.still()
+        ask(message(["arm"], point(30, 60)), path_tolerance=[row("arm", 1e-9)])
+        code, text = await result()
+        assert (code, "degrees from the trajectory" in text) == (-4, True)
+        assert await scene.angle(1) < 30
+        ask(SLOW)
+        await scene.moving()
+        async with connect("share://rex?role=watch") as other:
+            await other.stop()
+        code, text = await result()
+        assert (code, "stop" in text) == (-1, True)
+        looking.cancel()
+        await asyncio.wait([looking])
+
+    on_scene(use)

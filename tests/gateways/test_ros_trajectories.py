@@ -6,7 +6,7 @@ Module: servolink.gateways.ros.trajectories.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +15,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.errors import MotionRefused
-from servolink.gateways.ros.trajectories import MOST_POINTS, Trajectory, joints_of, read_trajectory, wait_for
+from servolink.gateways.ros.trajectories import (
+    MOST_POINTS,
+    RosGoal,
+    Trajectory,
+    TrajectoryRefused,
+    joints_of,
+    read_trajectory,
+    wait_for,
+)
 from servolink.motion import MotionLimits
 from servolink.twin import to_urdf
 from tests.twin.figures import template
@@ -147,3 +155,109 @@ def test_a_stamp_says_when_a_trajectory_begins_and_an_old_one_is_refused() -> No
     for stamp in (990.0, 1061.0, -5.0):
         with pytest.raises(MotionRefused, match="has the stamp"):
             wait_for(stamp, 1000.0)
+
+
+def row(name: str, position: float, **more: float) -> Any:
+    """Return an object with the fields of a `control_msgs/JointTolerance`."""
+    return SimpleNamespace(name=name, position=position, **({"velocity": 0.0, "acceleration": 0.0} | more))
+
+
+def goal_message(trajectory: Any, *, late: float = 0.0, **more: Sequence[Any]) -> Any:
+    """Return an object with the fields of a goal of `control_msgs/FollowJointTrajectory`."""
+    lists: dict[str, Sequence[Any]] = dict.fromkeys(("path_tolerance", "goal_tolerance"), ())
+    lists |= dict.fromkeys(("component_path_tolerance", "component_goal_tolerance"), ())
+    time = SimpleNamespace(sec=math.floor(late), nanosec=round(late % 1 * 1e9))
+    several = SimpleNamespace(points=())
+    return SimpleNamespace(
+        trajectory=trajectory, multi_dof_trajectory=several, goal_time_tolerance=time, **(lists | more)
+    )
+
+
+WAY = message(["hip"], point(1, 0), point(2, 40))
+
+
+@pytest.mark.parametrize(
+    ("goal", "code", "why"),
+    [
+        (goal_message(WAY, path_tolerance=[row("knee", 1)]), -2, "a tolerance for 'knee', which it does not move"),
+        (goal_message(WAY, path_tolerance=[row("hip", NAN)]), -1, "a tolerance of 'hip' other than radians"),
+        (goal_message(WAY, goal_tolerance=[row("hip", -2)]), -1, "a tolerance of 'hip' other than radians"),
+        (goal_message(WAY, goal_tolerance=[row("hip", 0, velocity=1)]), -1, "speeds are not reported"),
+        (goal_message(WAY, late=-1), -1, "a goal_time_tolerance outside 0..3600 s"),
+        (goal_message(WAY, component_path_tolerance=[1]), -1, "other joints"),
+        (goal_message(message(["hip"])), -1, "has no points"),
+    ],
+)
+def test_a_goal_that_cannot_be_kept_is_refused_with_a_code(goal: Any, code: int, why: str) -> None:
+    with pytest.raises(TrajectoryRefused) as refused:
+        RosGoal(goal).check()
+    assert refused.value.code == code
+    assert why in str(refused.value)
+
+
+def test_refusals_have_the_codes_of_ros() -> None:
+    for names, stamp, code in ((["tail"], 0.0, -2), ([], 0.0, -2), (["hip"], 5.0, -3)):
+        with pytest.raises(TrajectoryRefused) as refused:
+            wait_for(stamp, 1000.0) if stamp else read_trajectory(message(names, point(1, 0)), JOINTS, LIMITS)
+        assert refused.value.code == code
+
+
+def seeing(**more: Any) -> Callable[[float, float, float], bool]:
+    """Return what a goal of the hip says of an angle in degrees, at the time of its reading, and the time now."""
+    goal, found = RosGoal(goal_message(WAY, **more)), read_trajectory(WAY, JOINTS, LIMITS)
+    assert found is not None
+    goal.check()
+    return lambda degrees, at, now: goal.see(found, now, at, {"hip": math.radians(degrees)})
+
+
+def test_a_goal_is_reached_when_the_angle_is_seen_near_it_after_the_end() -> None:
+    sees = seeing()
+    assert not sees(40, 1.9, 1.9)
+    assert not sees(-80, 1.9, 1.95), "no tolerance is given for the path"
+    assert not sees(37.9, 2.5, 2.5)
+    assert sees(38.1, 2.5, 2.5)
+    assert sees(41.9, 1.9, 3.1), "the latest reading counts, when time is over"
+    with pytest.raises(TrajectoryRefused, match=r"'hip' is 2.1 degrees from its goal, too late; 2.0 are") as refused:
+        sees(37.9, 3.0, 3.1)
+    assert refused.value.code == -5
+
+
+def test_tolerances_of_a_goal_are_kept() -> None:
+    degree = math.radians(1)
+    sees = seeing(path_tolerance=[row("hip", 5 * degree)], goal_tolerance=[row("hip", 10 * degree)], late=4)
+    assert not sees(15.1, 1.5, 1.5)
+    assert sees(30.1, 2.0, 2.0)
+    assert not sees(29.9, 5.9, 5.9)
+    with pytest.raises(TrajectoryRefused, match=r"'hip' is 5.1 degrees from the trajectory; 5.0 are") as refused:
+        sees(14.9, 1.5, 1.5)
+    assert refused.value.code == -4
+    with pytest.raises(TrajectoryRefused, match=r"is 10.1 degrees from its goal"):
+        sees(29.9, 6.1, 6.1)
+    assert seeing(goal_tolerance=[row("hip", -1)])(-90, 2.0, 2.0)
+
+
+def test_a_joint_that_reports_no_angle_is_not_at_its_goal() -> None:
+    goal, found = RosGoal(goal_message(WAY)), read_trajectory(WAY, JOINTS, LIMITS)
+    assert found is not None
+    goal.check()
+    assert not goal.see(found, 2.5, 2.5, {})
+    with pytest.raises(TrajectoryRefused, match="'hip' is inf degrees from its goal"):
+        goal.see(found, 3.5, 3.5, {})
+
+
+def test_a_result_is_given_once_and_feedback_ten_times_a_second() -> None:
+    results: list[tuple[int, str]] = []
+    seen: list[tuple[dict[str, float], dict[str, float]]] = []
+    goal = RosGoal(goal_message(WAY), lambda *each: results.append(each), lambda *each: seen.append(each))
+    found = read_trajectory(WAY, JOINTS, LIMITS)
+    assert found is not None
+    goal.check()
+    for step in range(75):
+        goal.see(found, step / 50, step / 50, {"hip": 0.0})
+    assert 12 <= len(seen) <= 15
+    assert seen[0] == ({"hip": 0.0}, {"hip": 0.0})
+    assert seen[-1][1]["hip"] == pytest.approx(seen[-1][0]["hip"])
+    goal.settle("one")
+    goal.settle("other", 0)
+    RosGoal().settle("a trajectory of the topic has no result")
+    assert results == [(-1, "one")]

@@ -20,7 +20,7 @@ from servolink.client import Board, ServoReading, ServoStream
 from servolink.control import ProblemNotice, StoppedNotice
 from servolink.doctor import Finding
 from servolink.errors import MotionRefused, ServolinkError, escape
-from servolink.gateways.ros.trajectories import Trajectory, read_trajectory, wait_for
+from servolink.gateways.ros.trajectories import PATH_VIOLATED, RosGoal, Trajectory, read_trajectory, wait_for
 from servolink.motion import Degrees
 
 HZ: Final = 50.0
@@ -48,6 +48,7 @@ class _Heard(NamedTuple):
     data: bytes
     sender: bytes
     at: float  # on the clock of the event loop
+    goal: RosGoal
     stream: ServoStream
 
 
@@ -64,16 +65,18 @@ class JointFollower:
         self._log = log
         self._outlive = outlive
         self._loop = asyncio.get_running_loop()
-        self._newest: deque[tuple[bytes, bytes, float]] = deque(maxlen=1)
+        self._newest: deque[tuple[bytes, bytes, float, RosGoal]] = deque(maxlen=1)
         self._has_newest = asyncio.Event()
-        self._checked = b""  # sender of the trajectory that is checked
-        self._motion: tuple[bytes, asyncio.Task[None]] | None = None
+        self._checked: _Heard | None = None
+        self._motion: tuple[_Heard, asyncio.Task[None]] | None = None
         self._stopped = RosStatus("guard", 0, "no stop since the last motion")
         self._trouble: dict[str, tuple[float, str]] = {}  # time and text of the latest refusal and problem
 
-    def hear(self, data: bytes, sender: bytes) -> None:
+    def hear(self, data: bytes, sender: bytes, goal: RosGoal | None = None) -> None:
         """Keep a trajectory in place of the waiting trajectory; `sender` identifies the publisher."""
-        self._newest.append((data, sender, self._loop.time()))
+        with suppress(IndexError):
+            self._loop.call_soon_threadsafe(self._newest.pop()[3].settle, "a newer trajectory came")
+        self._newest.append((data, sender, self._loop.time(), goal or RosGoal()))
         if not self._has_newest.is_set():
             self._loop.call_soon_threadsafe(self._has_newest.set)
 
@@ -86,19 +89,22 @@ class JointFollower:
                 with suppress(IndexError):  # a stop has emptied it
                     await self._obey(_Heard(*self._newest.pop(), self._board.stream(HZ)))
         finally:
-            self._end("")
+            self._end("", "the node of servolink has ended")
+
+    def abandon(self, goal: RosGoal) -> None:
+        """End the motion of a goal, as its sender wishes; the servos keep their latest set-points."""
+        if goal in [each for _, each in self._under_way()]:
+            self._end("", "the goal was cancelled")
 
     def left(self, senders: Collection[bytes] | None) -> None:
         """End the motion unless the sender of the trajectory is among the remaining `senders`. None: always."""
-        movers = {self._checked, self._motion[0] if self._motion else b"", *(each[1] for each in list(self._newest))}
-        if not self._outlive and (senders is None or not movers <= {b"", *senders}):
-            self._newest.clear()
+        movers = {sender for sender, goal in self._under_way() if goal.message is None}
+        if not self._outlive and movers and (senders is None or not movers <= {*senders}):
             self._end("the motion was ended, as the program that sent the trajectory is gone")
 
     async def stop(self) -> str:
         """Stop all servos, and return what was done. Raise OutcomeUnknown without a report of all servos."""
-        self._newest.clear()
-        self._end("")
+        self._end("", "all servos were stopped")
         await self._board.stop()
         return "all servos are stopped and held"
 
@@ -146,24 +152,29 @@ class JointFollower:
 
     async def _obey(self, heard: _Heard) -> None:
         """Check a trajectory, and replace the motion under way."""
-        self._checked, found = heard.sender, None
+        self._checked, found = heard, None
         try:
-            found = await asyncio.to_thread(self._read, heard.data)
+            found = await asyncio.to_thread(self._read, heard)
         except MotionRefused as error:
-            self._checked = b""
-            self._refuse(str(error))
+            self._checked = None
+            self._refuse(error, heard.goal)
         if found and self._checked:  # neither a stop nor the end of the sender came meanwhile
-            self._end("")
+            if self._motion:
+                self._motion[1].cancel()
+                self._motion[0].goal.settle("a newer trajectory came")
+            self._checked = self._motion = None
             if found[1] is not None:
-                self._motion = heard.sender, self._loop.create_task(self._follow(heard, found[1], found[0]))
+                self._motion = heard, self._loop.create_task(self._follow(heard, found[1], found[0]))
 
-    def _read(self, data: bytes) -> tuple[float, Trajectory | None]:
+    def _read(self, heard: _Heard) -> tuple[float, Trajectory | None]:
         try:
-            message = self._decode(data)
+            message = heard.goal.message.trajectory if heard.goal.message else self._decode(heard.data)
         except Exception as error:  # raised by ROS, of any kind
             raise MotionRefused(f"a message was ignored, as it cannot be read: {escape(str(error))[:200]}") from error
         stamp = message.header.stamp
         trajectory = read_trajectory(message, self.joints, self._board.limits)
+        if heard.goal.message:
+            heard.goal.check()
         return wait_for(stamp.sec + stamp.nanosec * 1e-9, time.time()), trajectory
 
     async def _follow(self, heard: _Heard, trajectory: Trajectory, delay: float) -> None:
@@ -176,27 +187,46 @@ class JointFollower:
             trajectory = trajectory.beginning_at(pose, self._board.limits)
             begun, end, ahead = heard.at + delay, trajectory.seconds[-1], 0.0
             self._stopped = self._stopped._replace(level=0)
-            while ahead < end:
+            while not self._sees(heard.goal, trajectory, begun) or ahead < end:
                 ahead = min(self._loop.time() - begun + 1 / HZ, end)
                 await heard.stream.send(trajectory.at(ahead))
+            heard.goal.settle("", 0)
             self._log(f"followed a trajectory for {end:.1f} s")
         except ServolinkError as error:
-            self._refuse(str(error))
+            if getattr(error, "code", 0) <= PATH_VIOLATED and self.latest:
+                here = {each.servo_id: each.angle for each in self.latest.servos if _is_angle(each)}
+                with suppress(ServolinkError):  # no servo shall go on toward its set-point
+                    await heard.stream.send({each: here[each] for each in trajectory.servo_ids if each in here})
+            self._refuse(error, heard.goal)
         finally:
             if self._motion is not None and self._motion[1] is asyncio.current_task():
                 self._motion = None
 
-    def _end(self, why: str) -> None:
-        """End the motion, and what is checked: no further set-point is sent."""
+    def _sees(self, goal: RosGoal, trajectory: Trajectory, begun: float) -> bool:
+        """Return whether nothing is left to wait for. Raise TrajectoryRefused if the latest reading is far off."""
+        reading, now = self.latest or ServoReading(begun, ()), self._loop.time() - begun
+        return not goal.message or goal.see(trajectory, now, reading.seconds - begun, self.angles_in(reading))
+
+    def _under_way(self) -> list[tuple[bytes, RosGoal]]:
+        """Return sender and goal of what is checked, moves or waits."""
+        heard = self._checked, self._motion and self._motion[0], *list(self._newest)
+        return [(each[1], each[3]) for each in heard if each]
+
+    def _end(self, why: str, result: str = "") -> None:
+        """End the motion, what is checked and what waits. Texts: `why` for all, or only a result for goals."""
         if why and (self._motion or self._checked):
             self._note("motion", why)
-        motion, self._motion, self._checked = self._motion, None, b""
-        if motion is not None:
+        ended, motion, self._motion, self._checked = self._under_way(), self._motion, None, None
+        self._newest.clear()
+        if motion:
             motion[1].cancel()
+        for _, goal in ended:
+            goal.settle(why or result)
 
-    def _refuse(self, text: str) -> None:
+    def _refuse(self, error: ServolinkError, goal: RosGoal) -> None:
         self._refused += 1
-        self._note("refusal", text)
+        self._note("refusal", str(error))
+        goal.settle(str(error), getattr(error, "code", -1))  # INVALID_GOAL for other errors
 
     def _note(self, what: str, text: str) -> None:
         """Show a text in the diagnostics, and log each text once a second at most."""

@@ -8,12 +8,14 @@ import asyncio
 import os
 import time
 from collections.abc import Collection, Coroutine, Iterable, Mapping
+from functools import partial
 from threading import Thread
 from typing import Any
 
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
@@ -30,10 +32,15 @@ from servolink.control import Greeting, open_channel, this_program
 from servolink.doctor import Finding, SystemFacts, checks_before_opening
 from servolink.errors import ServolinkError
 from servolink.gateways.ros.joint_follower import HZ, JointFollower, Log, RosStatus
-from servolink.gateways.ros.trajectories import joints_of
+from servolink.gateways.ros.trajectories import RosGoal, joints_of
 from servolink.project import ProjectFile
 from servolink.support import Tasks
 from servolink.twin import to_urdf
+
+try:
+    from control_msgs.action import FollowJointTrajectory as Action
+except ImportError:  # an installed ROS has it; it is on no package index
+    Action = None
 
 _MOST_BYTES = 1_048_576
 _LIVELY = Duration(seconds=0.5)  # longest lease of liveliness that is watched
@@ -58,15 +65,16 @@ class RosNode:
         if urdf:  # late subscribers receive the description too
             described = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
             node.create_publisher(String, "robot_description", described).publish(String(data=urdf))
-        matched = SubscriptionEventCallbacks(matched=self._match, use_default_callbacks=False)
-        newest = QoSProfile(depth=1)
-        node.create_subscription(
-            JointTrajectory, "joint_trajectory", self._hear, newest, raw=True, event_callbacks=matched
-        )
+        left = SubscriptionEventCallbacks(matched=self._match, use_default_callbacks=False)
+        last = QoSProfile(depth=1)
+        node.create_subscription(JointTrajectory, "joint_trajectory", self._hear, last, raw=True, event_callbacks=left)
         self._lively: Any = None
-        node.create_subscription(Empty, "stop", lambda message: self._done(follower.stop()), newest)
+        node.create_subscription(Empty, "stop", lambda message: self._done(follower.stop()), last)
         node.create_service(Trigger, "~/stop", lambda request, response: self._answer(response, follower.stop()))
         node.create_service(Trigger, "~/start", lambda request, response: self._answer(response, follower.start()))
+        if Action:  # a result is kept for 2 s, as all are in a flood of goals
+            calls = {"handle_accepted_callback": self._begin, "cancel_callback": self._cancel}
+            ActionServer(node, Action, "~/follow_joint_trajectory", _result, **calls, result_timeout=2)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(node)
         self._thread = Thread(target=self._spin, name="servolink ROS")
@@ -142,6 +150,16 @@ class RosNode:
         except (ServolinkError, TimeoutError) as error:
             return False, str(error)
 
+    def _begin(self, handle: Any) -> None:
+        """Follow a goal; its result is given on the thread of ROS, where awaiting one would keep the executor busy."""
+        end, show = self._executor.create_task, partial(_feed, handle)
+        handle.goal = RosGoal(handle.request, lambda *result: end(handle.execute, partial(_result, result)), show)
+        self._follower.hear(b"", b"", handle.goal)
+
+    def _cancel(self, handle: Any) -> Any:
+        self._loop.call_soon_threadsafe(self._follower.abandon, handle.goal)
+        return CancelResponse.ACCEPT
+
     def _answer(self, response: Any, work: Coroutine[Any, Any, str]) -> Any:
         response.success, response.message = self._done(work)
         return response
@@ -167,6 +185,8 @@ async def serve_ros(hub: str, project: ProjectFile | None, speed_cap: float, log
             await channel.call("board.state")  # the hub notifies only programs with a request
             node = RosNode(follower, urdf)
             log(f"joints {', '.join(joints)}")
+            if not Action:
+                log("no action FollowJointTrajectory, as there is no package control_msgs of ROS")
             tasks = Tasks()
             works = follower.follow(), _publish(node, follower, board), _diagnose(node, follower, findings, hub)
             begun = [tasks.begin(work) for work in (*works, node.fail())]
@@ -192,6 +212,21 @@ async def _diagnose(node: RosNode, follower: JointFollower, findings: Collection
     while True:
         node.publish_diagnostics(follower.statuses(findings), hub)
         await asyncio.sleep(1.0)
+
+
+def _result(result: tuple[int, str], handle: Any) -> Any:
+    (handle.canceled if handle.is_cancel_requested else handle.abort if result[0] else handle.succeed)()
+    return Action.Result(error_code=result[0], error_string=result[1])
+
+
+def _feed(handle: Any, wanted: Mapping[str, float], off: Mapping[str, float]) -> None:
+    """Publish where the joints of a goal are."""
+    message = Action.Feedback(joint_names=list(off))
+    message.header.stamp = _stamp(time.time())
+    message.desired.positions = [wanted[name] for name in off]
+    message.actual.positions = [wanted[name] - error for name, error in off.items()]
+    message.error.positions = list(off.values())
+    handle.publish_feedback(message)
 
 
 def _stamp(seconds: float) -> Any:

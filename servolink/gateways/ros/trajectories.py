@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 from xml.etree import ElementTree as ET
 
 from servolink.errors import MotionRefused, Reason, quote
 from servolink.motion import MotionLimits
 
-MOST_POINTS: Final = 10_000
-"""Most points of a trajectory."""
-MOST_SECONDS: Final = 3600.0
-"""Longest duration of a trajectory."""
+MOST_POINTS: Final = 10_000  # of a trajectory
+MOST_SECONDS: Final = 3600.0  # of a trajectory
+INVALID_GOAL, INVALID_JOINTS, OLD_STAMP, PATH_VIOLATED, GOAL_VIOLATED = range(-1, -6, -1)
+"""Codes of FollowJointTrajectory; the first also for what was ended by others, for which ROS has none."""
 
+_NEAR_GOAL = math.radians(2)  # radians from the goal, if the sender gives no tolerance
+_PATIENCE = 1.0  # seconds from the end of the trajectory, likewise
 _OLDEST = 1.0  # seconds since the stamp of a trajectory, at most
 _LATEST = 60.0  # seconds from now to the stamp of a trajectory, at most
 _NEAR = 5.0  # degrees from the present angle at which a trajectory may begin without time for the way
@@ -42,6 +44,14 @@ def joints_of(captions: Mapping[int, str], urdf: str = "") -> dict[str, int]:
             name = f"{name}_{servo_id}"
         joints[name] = servo_id
     return joints
+
+
+class TrajectoryRefused(MotionRefused):
+    """A trajectory was refused, or was ended for a tolerance; `code` is the `error_code` of FollowJointTrajectory."""
+
+    def __init__(self, text: str, code: int = INVALID_GOAL) -> None:
+        super().__init__(text, reason=Reason.LIMIT)
+        self.code = code
 
 
 class Trajectory(NamedTuple):
@@ -74,6 +84,49 @@ class Trajectory(NamedTuple):
         if not self.seconds[0]:
             return self
         return Trajectory(self.servo_ids, (0.0, *self.seconds), (here, *self.poses))
+
+
+class RosGoal:
+    """Goal of FollowJointTrajectory, its tolerances and its result; without `message`, a trajectory of the topic."""
+
+    def __init__(self, message: Any = None, *to: Callable[..., None]) -> None:
+        """Give code and text to the first of `to`, and ten times a second angles and errors to the second."""
+        self.message, self._to, self._shown = message, to, 0.0
+
+    def settle(self, text: str, code: int = INVALID_GOAL) -> None:
+        """Give the result to the sender, unless it has one."""
+        for done in self._to[:1]:
+            self._to = ()
+            done(code, text)
+
+    def check(self) -> None:
+        """Read the tolerances. Raise TrajectoryRefused for what a robot of servos does not have or report."""
+        goal, names = self.message, self.message.trajectory.joint_names
+        patience = goal.goal_time_tolerance.sec + goal.goal_time_tolerance.nanosec * 1e-9
+        several = goal.multi_dof_trajectory.points or goal.component_path_tolerance or goal.component_goal_tolerance
+        if several or not goal.trajectory.points or not 0 <= patience <= MOST_SECONDS:
+            raise _refused(f"has no points, other joints, or a goal_time_tolerance outside 0..{MOST_SECONDS:g} s")
+        self._patience = patience or _PATIENCE
+        self._path = _tolerances(goal.path_tolerance, names, math.inf)
+        self._end = _tolerances(goal.goal_tolerance, names, _NEAR_GOAL)
+
+    def see(self, trajectory: Trajectory, now: float, at: float, angles: Mapping[str, float]) -> bool:
+        """Return whether angles, read at `at` since the begin, are the goal. Raise TrajectoryRefused if far off."""
+        late, ended = now > trajectory.seconds[-1] + self._patience, at >= trajectory.seconds[-1]
+        pose = trajectory.at(math.inf if late else at)
+        wanted = dict(zip(self._path, map(math.radians, pose.values()), strict=True))
+        off = {name: angle - angles[name] for name, angle in wanted.items() if name in angles}
+        if at - self._shown >= 0.1:
+            self._shown = at
+            for show in self._to[1:]:
+                show(wanted, off)
+        allowed, code = (self._end, GOAL_VIOLATED) if late or ended else (self._path, PATH_VIOLATED)
+        far = [name for name, most in allowed.items() if abs(off.get(name, math.inf)) > most]
+        if far and (late or not ended):
+            most, what = math.degrees(allowed[far[0]]), "its goal, too late" if late else "the trajectory"
+            text = f"{quote(far[0])} is {abs(math.degrees(off.get(far[0], math.inf))):.1f} degrees from {what}"
+            raise TrajectoryRefused(f"the motion was ended, as {text}; {most:.1f} are allowed", code)
+        return late or (ended and not far)
 
 
 def read_trajectory(message: Any, joints: Mapping[str, int], limits: MotionLimits) -> Trajectory | None:
@@ -114,19 +167,19 @@ def wait_for(stamp: float, now: float) -> float:
     if not stamp:
         return 0.0
     if not -_OLDEST <= stamp - now <= _LATEST:
-        text = f"has the stamp {stamp:.1f}, and now is {now:.1f}"
-        raise _refused(f"{text}; use 0 for now, or a time within the next {_LATEST:g} s")
+        raise _refused(f"has the stamp {stamp:.1f}; now is {now:.1f}: use 0, or the next {_LATEST:g} s", OLD_STAMP)
     return max(stamp - now, 0.0)
 
 
 def _named(names: Sequence[str], joints: Mapping[str, int]) -> list[int]:
     """Return the servos of a trajectory."""
+    there = quote(", ".join(joints))
     if not names or len(names) > len(joints):
-        raise _refused(f"names {len(names)} joints; this robot has {len(joints)}: {quote(', '.join(joints))}")
+        raise _refused(f"names {len(names)} joints; this robot has {len(joints)}: {there}", INVALID_JOINTS)
     for number, name in enumerate(names):
         if name not in joints or name in names[:number]:
             again = " twice" if name in joints else ""
-            raise _refused(f"names the joint {quote(name)}{again}; this robot has {quote(', '.join(joints))}")
+            raise _refused(f"names the joint {quote(name)}{again}; this robot has {there}", INVALID_JOINTS)
     return [joints[name] for name in names]
 
 
@@ -158,5 +211,17 @@ def _check_limits(trajectory: Trajectory, names: Sequence[str], limits: MotionLi
             before, since = angle, seconds
 
 
-def _refused(text: str) -> MotionRefused:
-    return MotionRefused(f"the trajectory {text}; nothing was moved", reason=Reason.LIMIT)
+def _tolerances(rows: Sequence[Any], names: Sequence[str], usual: float) -> dict[str, float]:
+    """Return the tolerance of each joint in radians: that of its row, `usual` for 0, infinite for -1."""
+    found = dict.fromkeys(names, usual)
+    for row in rows:
+        if row.name not in found:
+            raise _refused(f"has a tolerance for {quote(row.name)}, which it does not move", INVALID_JOINTS)
+        if not (0 <= row.position <= _MOST or row.position == -1) or max(row.velocity, row.acceleration) > 0:
+            raise _refused(f"has a tolerance of {quote(row.name)} other than radians, 0 or -1; speeds are not reported")
+        found[row.name] = math.inf if row.position < 0 else row.position or usual
+    return found
+
+
+def _refused(text: str, code: int = INVALID_GOAL) -> TrajectoryRefused:
+    return TrajectoryRefused(f"the trajectory {text}; nothing was moved", code)
