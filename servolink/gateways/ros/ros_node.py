@@ -1,6 +1,6 @@
 """Node of ROS 2 on a thread of its own, between its executor and the event loop of a follower."""
 
-# pyright: reportMissingImports=false
+# pyright: reportMissingImports=false, reportOptionalMemberAccess=false
 
 from __future__ import annotations
 
