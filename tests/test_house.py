@@ -22,7 +22,7 @@ FILES = modules_below(PACKAGE)
 CEILINGS = {
     "lines": 79_600,
     "files": 475,
-    "names that cross rooms": 607,
+    "names that cross rooms": 606,
     "own imports of a file, median": 5,
     "own imports of a file, 90 %": 12,
     "own imports of a file, most": 24,
