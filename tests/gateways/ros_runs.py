@@ -17,6 +17,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -314,9 +315,13 @@ def garbage(client: Client, door: int) -> None:
         "has 10001 points": trajectory(*((at / 10, 0) for at in range(10_001))),
     }
     wrong["has 1 positions for 2 joints"].joint_names.append("servo_2")
+
+    def is_refused(why: str) -> bool:
+        return why in client.diagnostics["servolink: motion"][1]
+
     for why, message in wrong.items():
         client.publisher.publish(message)
-        client.until(lambda why=why: why in client.diagnostics["servolink: motion"][1], why)
+        client.until(partial(is_refused, why), why)
     client.home()
     client.publisher.publish(trajectory((0.5, 0), (20.0, 150)))
     client.moving()

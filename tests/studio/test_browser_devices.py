@@ -15,8 +15,8 @@ from servolink.protocol import Query
 from tests.processes import until
 from tests.studio.board_program import BoardProgram
 from tests.studio.browser import DEMO, in_browser
-from tests.studio.page_server import PageServer
-from tests.studio.test_browser_ports import PATIENT, START, connect, opened, wait_for_stop
+from tests.studio.page_server import PATIENT, PageServer
+from tests.studio.test_browser_ports import START, connect, opened, wait_for_stop
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
