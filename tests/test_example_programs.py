@@ -140,7 +140,7 @@ def test_a_wave_in_ros(tmp_path: Path) -> None:
 def test_a_web_api(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("fastapi", reason="for this example")
     pytest.importorskip("httpx2", reason="for the client of FastAPI")
-    from fastapi.testclient import TestClient
+    from fastapi.testclient import TestClient  # pyright: ignore[reportMissingImports]
 
     monkeypatch.setenv("SERVOLINK_BOARD", "virtual://?servos=2")
     app = runpy.run_path(str(EXAMPLES / "web_api.py"))["app"]
