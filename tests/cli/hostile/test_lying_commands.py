@@ -57,6 +57,7 @@ EXEMPT = {
     "use": "opens nothing",
     "backups": "reads files",
     "twin": "reads files",
+    "figure": "reads files",
     "decode": "reads files",
     "show": "reads files",
     "convert": "reads files",
