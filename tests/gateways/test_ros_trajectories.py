@@ -22,7 +22,7 @@ from servolink.gateways.ros.trajectories import (
     TrajectoryRefused,
     joints_of,
     read_trajectory,
-    wait_for,
+    seconds_until,
 )
 from servolink.motion import MotionLimits
 from servolink.twin import to_urdf
@@ -149,12 +149,12 @@ def test_no_points_are_no_trajectory() -> None:
 
 
 def test_a_stamp_says_when_a_trajectory_begins_and_an_old_one_is_refused() -> None:
-    assert wait_for(0.0, 1000.0) == 0.0
-    assert wait_for(999.5, 1000.0) == 0.0
-    assert wait_for(1002.5, 1000.0) == 2.5
+    assert seconds_until(0.0, 1000.0) == 0.0
+    assert seconds_until(999.5, 1000.0) == 0.0
+    assert seconds_until(1002.5, 1000.0) == 2.5
     for stamp in (990.0, 1061.0, -5.0):
         with pytest.raises(MotionRefused, match="has the stamp"):
-            wait_for(stamp, 1000.0)
+            seconds_until(stamp, 1000.0)
 
 
 def row(name: str, position: float, **more: float) -> Any:
@@ -198,7 +198,7 @@ def test_a_goal_that_cannot_be_kept_is_refused_with_a_code(goal: Any, code: int,
 def test_refusals_have_the_codes_of_ros() -> None:
     for names, stamp, code in ((["tail"], 0.0, -2), ([], 0.0, -2), (["hip"], 5.0, -3)):
         with pytest.raises(TrajectoryRefused) as refused:
-            wait_for(stamp, 1000.0) if stamp else read_trajectory(message(names, point(1, 0)), JOINTS, LIMITS)
+            seconds_until(stamp, 1000.0) if stamp else read_trajectory(message(names, point(1, 0)), JOINTS, LIMITS)
         assert refused.value.code == code
 
 

@@ -20,7 +20,7 @@ from servolink.client import Board, ServoReading, ServoStream
 from servolink.control import ProblemNotice, StoppedNotice
 from servolink.doctor import Finding
 from servolink.errors import MotionRefused, ServolinkError, escape
-from servolink.gateways.ros.trajectories import PATH_VIOLATED, RosGoal, Trajectory, read_trajectory, wait_for
+from servolink.gateways.ros.trajectories import PATH_VIOLATED, RosGoal, Trajectory, read_trajectory, seconds_until
 from servolink.motion import Degrees
 
 HZ: Final = 50.0
@@ -175,7 +175,7 @@ class JointFollower:
         trajectory = read_trajectory(message, self.joints, self._board.limits)
         if heard.goal.message:
             heard.goal.check()
-        return wait_for(stamp.sec + stamp.nanosec * 1e-9, time.time()), trajectory
+        return seconds_until(stamp.sec + stamp.nanosec * 1e-9, time.time()), trajectory
 
     async def _follow(self, heard: _Heard, trajectory: Trajectory, delay: float) -> None:
         """Send set-points to the end of a trajectory, each for the time at which the servos arrive there."""

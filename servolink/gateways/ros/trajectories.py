@@ -159,7 +159,7 @@ def read_trajectory(message: Any, joints: Mapping[str, int], limits: MotionLimit
     return trajectory
 
 
-def wait_for(stamp: float, now: float) -> float:
+def seconds_until(stamp: float, now: float) -> float:
     """Return the seconds until a trajectory with a stamp in its header begins; 0 means now.
 
     Raise MotionRefused for a stamp that is old, as of a recording, or far in the future.
