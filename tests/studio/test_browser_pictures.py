@@ -22,7 +22,7 @@ _CHANGES = [
     (".insp .sid", "background", "none"),
     (".stop", "background", "gray"),
     (".rail svg", "visibility", "hidden"),
-    (".insp button", "visibility", "hidden"),
+    (".plotcard button", "visibility", "hidden"),
 ]
 """Of the screen Live: a selector, a property of its style and a value."""
 

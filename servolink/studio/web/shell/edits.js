@@ -26,7 +26,7 @@ export function Edits() {
 export function Unwritten() {
   const count = differences.value.length;
   if (draft.value === null || count === 0) return null;
-  return html`<p class="unwritten" role="status"><b>${t("edit.not_written", { count })}</b> <span class="mut">${t(`edit.${keeping.value}`)}</span></p>`;
+  return html`<p class=${`unwritten ${keeping.value}`} role="status"><b>${t("edit.not_written", { count })}</b> <span class="mut">${t(`edit.${keeping.value}`)}</span></p>`;
 }
 
 conflict.subscribe((found) => {
