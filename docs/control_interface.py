@@ -75,8 +75,8 @@ A role includes those before it: watch, run, move, edit. The greeting asks for o
 
 Each method says what it touches: *session* is the connection of the program, *motion* the servos, *board* the content
 and the settings of the board, *host* the computer of the hub. Pages that were opened through a link of the
-[studio](../how-to/classroom.md) touch nothing of the host. [From afar](fleet.md#commands), through a broker, come only
-the methods that say so.
+[studio](../how-to/fleet-classroom.md#use-tablets-one-robot-many-pupils) touch nothing of the host. [From
+afar](fleet.md#commands), through a broker, come only the methods that say so.
 
 ## Notifications
 

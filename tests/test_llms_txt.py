@@ -40,8 +40,8 @@ def test_it_begins_with_what_servolink_is_and_goes_on_as_the_index() -> None:
 
 
 def test_a_line_is_the_first_sentence_without_links() -> None:
-    assert read("how-to/connect-hid").first == "HID needs no driver on any system."
-    assert read("how-to/language-models").first.startswith("`servolink mcp` is a server of the Model Context Protocol:")
+    assert read("how-to/troubleshoot").first == "For owners of a silent board: `servolink doctor` finds out why."
+    assert "`servolink mcp`, a server of the Model Context Protocol, lets it" in read("how-to/language-models").first
     assert read("reference/commands/move").first == "Move servos to angles."
     for title, _, first in entries():
         assert not re.search(r"\]\(|```|<\w", title + first)

@@ -268,7 +268,7 @@ def test_all_queries_are_known() -> None:
 
 
 def test_the_documentation_shows_the_whole_file() -> None:
-    page = (Path(__file__).parents[2] / "docs/how-to/board-profiles.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs/how-to/learn-a-board.md").read_text(encoding="utf-8")
     shown = page.partition("```toml\n")[2].partition("```")[0]
     profile = parse_profile(shown)
     assert profile.identity is not None

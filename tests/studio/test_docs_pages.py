@@ -14,9 +14,11 @@ KEYS = ROOT / "servolink/studio/web/shell/keys.js"
 
 
 def test_each_screen_links_to_a_page_that_there_is() -> None:
-    linked = set(re.findall(r'"((?:how-to|tutorial)/[\w-]+)"', KEYS.read_text(encoding="utf-8")))
+    linked = set(re.findall(r'"((?:how-to|tutorial)/[\w-]+)(?:#([\w-]+))?"', KEYS.read_text(encoding="utf-8")))
     assert len(linked) > 5
-    assert linked <= page_names()
+    for name, heading in linked:
+        assert name in page_names()
+        assert not heading or f'id="{heading}"' in docs_page(name).decode()
 
 
 def test_links_lead_to_what_is_served_or_are_words_only() -> None:

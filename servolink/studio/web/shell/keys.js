@@ -74,12 +74,12 @@ const PAGES = {
   actions: "tutorial/first-robot",
   macros: "tutorial/first-robot",
   buttons: "tutorial/first-robot",
-  blocks: "how-to/blocks",
+  blocks: "how-to/studio#program-with-blocks",
   code: "how-to/without-installation",
   record: "how-to/recordings",
   project: "how-to/save-and-restore",
-  board: "how-to/board-profiles",
-  servos: "how-to/trim",
+  board: "how-to/learn-a-board",
+  servos: "how-to/studio#set-servos-up",
   fleet: "how-to/fleet-classroom",
 };
 
