@@ -1,9 +1,14 @@
-"""Links of README.md and docs/ lead somewhere for those who read them in the repository, where nothing is built."""
+"""Links of README.md and docs/ lead somewhere for those who read them in the repository, where nothing is built.
+
+From the start page they lead a stranger to answers.
+"""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
+
+import pytest
 
 from tests.tables import over
 
@@ -13,14 +18,30 @@ PAGES = [ROOT / "README.md", *sorted(path for path in (ROOT / "docs").rglob("*.m
 MADE_WITH_THE_SITE = {"json-output.schema.json"}
 """Files that a build of the site writes beside the page; a fresh copy of the repository lacks them."""
 
+START = ROOT / "docs/index.md"
+ANSWERS = [
+    ("my board is silent", ["When a board does not respond"], "how-to/troubleshoot", "When a board does not respond"),
+    ("two programs at once", ["Share a board"], "how-to/share-a-board", "Share a board: two programs at once"),
+    ("a class of 20", ["A class of 20"], "how-to/fleet-classroom", "Set up the broker"),
+    ("my own transport", ["My own transport"], "how-to/write-a-transport", "Be found"),
+    ("test my program", ["Test my program"], "how-to/test-programs", "A first test"),
+    ("restore yesterday", ["restore yesterday"], "how-to/save-and-restore", "Undo it"),
+    ("without installation", ["without installation"], "how-to/without-installation", "Get the folder"),
+    ("a robot that falls", ["Know whether the robot falls"], "how-to/twin", "Ask for a forecast"),
+    ("from ROS 2", ["From ROS 2"], "how-to/ros2", "Use the robot from ROS 2"),
+    ("button events", ["button events"], "how-to/button-events", "React to buttons, and press them by keyboard"),
+    ("Windows: no port shown", ["no port shown on Windows"], "how-to/connect", "Windows: no port is shown"),
+    ("how fast is it", ["How fast it is", "roundtrip"], "benchmarks", "A request and its response"),
+]
+"""Questions of strangers: links to follow from the start page, in order, and page and heading of the answer."""
+MOST_CLICKS = 3
+
 _LINK = re.compile(r"\[([^\]\n]*(?:\n[^\]\n]+)?)\]\(([^)\s]+)\)")
 
 
 @over("page", PAGES)
 def test_links_have_a_text_and_lead_somewhere(page: Path) -> None:
-    for text, target in _LINK.findall(
-        re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-    ):
+    for text, target in links(page):
         assert text, target
         path, _, heading = target.partition("#")
         if "://" in target:
@@ -30,8 +51,32 @@ def test_links_have_a_text_and_lead_somewhere(page: Path) -> None:
         assert not heading or heading in anchors(aim), target
 
 
+@pytest.mark.parametrize(("question", "clicks", "page", "heading"), ANSWERS, ids=[row[0] for row in ANSWERS])
+def test_a_stranger_reaches_the_answer(question: str, clicks: list[str], page: str, heading: str) -> None:
+    assert len(clicks) <= MOST_CLICKS, question
+    at, anchor = START, ""
+    for text in clicks:
+        target = {" ".join(text.split()): target for text, target in links(at)}[text]
+        path, _, anchor = target.partition("#")
+        at = (at.parent / path).resolve() if path else at
+    assert at == ROOT / f"docs/{page}.md", question
+    wanted = _anchor(heading)
+    assert wanted in anchors(at), question
+    assert anchor in {"", wanted}, "the link leads to the heading, or to the page that has it"
+
+
+def links(page: Path) -> list[tuple[str, str]]:
+    """Return text and target of each link on a page, without what is in blocks of code."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    return _LINK.findall(text)
+
+
 def anchors(page: Path) -> set[str]:
     """Return the anchors that a repository's web page makes of the headings of `page`; a second one ends in -1."""
     headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    plain = [re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings]
+    plain = [_anchor(heading) for heading in headings]
     return {f"{name}-{plain[:at].count(name)}" if name in plain[:at] else name for at, name in enumerate(plain)}
+
+
+def _anchor(heading: str) -> str:
+    return re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
