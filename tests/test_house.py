@@ -20,9 +20,9 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 79_600,
+    "lines": 79_749,
     "files": 475,
-    "names that cross rooms": 606,
+    "names that cross rooms": 607,
     "own imports of a file, median": 5,
     "own imports of a file, 90 %": 12,
     "own imports of a file, most": 24,
@@ -32,7 +32,7 @@ CEILINGS = {
     "classes with more than 15 attributes": 17,
     "functions with more than 8 arguments": 5,
     "lines of benchmarks": 6_262,
-    "lines of JavaScript": 18_451,
+    "lines of JavaScript": 18_216,
 }
 
 LATE = {

@@ -7,14 +7,8 @@ from servolink.project.blocks import Blocks
 from servolink.project.build import build_project, extend_project, refuse_new_errors
 from servolink.project.figure import BodyFields, Feet, Figure, Joint, Shape, View
 from servolink.project.fix import fix_project
-from servolink.project.merge import merge_projects
-from servolink.project.mirror import (
-    Mirror,
-    mirror_by_captions,
-    mirror_project,
-    other_side,
-    partners_by_caption,
-)
+from servolink.project.merge import CopiedMotions, merge_projects
+from servolink.project.mirror import Mirror, mirror_by_captions, mirror_project
 from servolink.project.model import UNFINISHED, Project, name_of, without_neutral
 from servolink.project.naming import Named, id_or_caption
 from servolink.project.preflight_checks import preflight, preflight_run, uncheckable
@@ -25,7 +19,6 @@ from servolink.project.record_lookup import (
     macro_seconds,
     with_caption,
     with_id,
-    wrong_durations,
 )
 from servolink.project.single_record import (
     add_from,
@@ -66,6 +59,7 @@ __all__ = [
     "described",
     "validate_project",
     # edits
+    "CopiedMotions",
     "Mirror",
     "PoseRecorder",
     "add_from",
@@ -75,8 +69,6 @@ __all__ = [
     "merge_projects",
     "mirror_by_captions",
     "mirror_project",
-    "other_side",
-    "partners_by_caption",
     "project_of",
     "refuse_new_errors",
     "remove_records",
@@ -94,7 +86,6 @@ __all__ = [
     "name_of",
     "with_caption",
     "with_id",
-    "wrong_durations",
     # motion of a record
     "RecordRun",
     # figure and blocks

@@ -1,15 +1,34 @@
-"""Merging of two projects into a single project."""
+"""Merging of two projects, and of motions copied from another robot into a project."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any
 
+from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from servolink.errors import ProjectError, escape
+from servolink.project.adjust import scale_project
+from servolink.project.build import extend_project
+from servolink.project.mirror import Mirror
 from servolink.project.model import Project, name_of, without_neutral
-from servolink.project.record_lookup import free_id, with_id, with_records
-from servolink.protocol import RECORD_TYPES, TABLE, RecordType, ServoParameter
+from servolink.project.project_file import ProjectFile
+from servolink.project.record_lookup import dependency_order, free_id, with_caption, with_id, with_records
+from servolink.protocol import (
+    CAPTION_SIZE,
+    MACRO,
+    RECORD_TYPES,
+    TABLE,
+    MacroCommandType,
+    RecordRef,
+    RecordType,
+    ServoParameter,
+    Step,
+    convert,
+)
+from servolink.support import read_json
 
 
 def merge_projects(one: Project, other: Project) -> tuple[Project, list[str]]:
@@ -130,3 +149,100 @@ def _parameters(one: Project, other: Project, changes: list[str]) -> tuple[Servo
                 f"{existing.adjusted_degree}; '{escape(added.servo_caption)}' with {added.adjusted_degree} is dropped"
             )
     return tuple(parameters.values())
+
+
+class CopiedMotions(Struct, frozen=True):
+    """Actions and macros of another robot, with the servos in the steps."""
+
+    class NamedServo(Struct, frozen=True, forbid_unknown_fields=True):
+        """Servo with the names by which another robot has the same; both may be empty."""
+
+        id: Annotated[int, Meta(ge=0, le=255)]
+        caption: Annotated[str, Meta(max_length=256)]
+        part: Annotated[str, Meta(max_length=256)]
+        """Part of the figure that the servo turns."""
+
+        def names(self) -> tuple[str, str, str]:
+            """Return caption, part and, without both, the id as text."""
+            caption = " ".join(self.caption.casefold().split())
+            return caption, self.part, "" if caption or self.part else str(self.id)
+
+    servos: tuple[NamedServo, ...]
+    records: Project
+
+    @classmethod
+    def parse(cls, text: str) -> CopiedMotions:
+        """Return the motions in a text from a clipboard. Raise ValueError for any text that no studio has copied."""
+        value = read_json(text)
+        if not isinstance(value, dict) or (value.get("kind"), value.get("version")) != ("servolink motions", 1):
+            raise ValueError("the text was not copied in a studio")
+        form = {"schema": 1, "actions": value.get("actions"), "macros": value.get("macros")}
+        records = ProjectFile.of_form(convert(form, ProjectFile.form_type(unchecked=False))).project
+        return cls(convert(value.get("servos"), tuple[CopiedMotions.NamedServo, ...]), records)
+
+    def pairs(self, ours: Sequence[NamedServo]) -> dict[int, int | None]:
+        """Return the servo of this robot for each servo of the other, by id; None for none.
+
+        Servos are matched by caption, then by part, then by id. A name that two servos of a robot have matches none.
+        """
+        pairs: dict[int, int | None] = dict.fromkeys(one.id for one in self.servos)
+        for at in range(3):
+            theirs = _by_name(self.servos, at)
+            found = _by_name([one for one in ours if one.id not in pairs.values()], at)
+            pairs |= {theirs[name]: found[name] for name in theirs.keys() & found if pairs[theirs[name]] is None}
+        return pairs
+
+    def pasted(
+        self, project: Project, images: Mapping[int, Mirror.ServoImage], factor: float
+    ) -> tuple[Project, list[str]]:
+        """Return `project` with the motions, and the names of actions left out, because no servo has an image.
+
+        `images` are on this robot, for servos of the other; durations are multiplied by `factor`. An action that is in
+        `project` is used; other records get a caption and an id of their own. ProjectError for too long a duration.
+        """
+        records, _ = scale_project(self.records, factor)
+        made: dict[int, dict[int, Any]] = {MacroCommandType.ACTION: {}, MacroCommandType.MACRO: {}}
+        actions, macros = made.values()
+        left = []
+        for action in records.actions:
+            if steps := _fitted(action.steps, images):
+                own = replace(action, action_id=0, steps=steps)
+                actions[action.action_id] = _with_own_caption(own, [*project.actions, *actions.values()])
+            else:
+                left.append(action.action_caption or str(action.action_id))
+        for macro_id in dependency_order(by_id := MACRO.by_id(records)):
+            commands = tuple(
+                replace(one, command_id=RecordRef.of(called) if called else one.command_id, total_interval=0)
+                for one in by_id[macro_id].commands
+                if (called := made.get(one.type, {}).get(one.command_id)) or one.type == MacroCommandType.DELAY
+            )
+            macro = replace(by_id[macro_id], macro_id=0, commands=commands)
+            macros[macro_id] = _with_own_caption(macro, [*project.macros, *macros.values()])
+        return extend_project(project, *actions.values(), *macros.values()), left
+
+
+def _by_name(servos: Sequence[CopiedMotions.NamedServo], at: int) -> dict[str, int]:
+    """Return the ids of servos by one of the names, without names that several servos have."""
+    counts = Counter(one.names()[at] for one in servos)
+    return {name: one.id for one in servos if counts[name := one.names()[at]] == 1 and name}
+
+
+def _fitted(steps: Iterable[Step], images: Mapping[int, Mirror.ServoImage]) -> tuple[Step, ...]:
+    """Return the steps of servos with an image; of two servos with the same image, the first counts."""
+    found, owners = [], dict[int, int]()
+    for step in steps:
+        image = images.get(step.servo_id)
+        if image is not None and owners.setdefault(image.servo, step.servo_id) == step.servo_id:
+            found.append(Step(image.servo, round(image.factor * step.degree + image.offset), step.interval))
+    return tuple(sorted(found, key=lambda step: step.servo_id))
+
+
+def _with_own_caption(record: Any, present: list[Any]) -> Any:
+    """Return `record`, with a number behind the caption if a different record has the caption."""
+    kind = RecordType.of(record)
+    caption, taken = kind.caption_of(record), {kind.caption_of(one) for one in present}
+    found, number = caption, 2
+    while found in taken and caption and all(with_id(one, 0) != record for one in present):
+        end, number = f" {number}", number + 1
+        found = caption.encode(errors="ignore")[: CAPTION_SIZE - len(end)].decode(errors="ignore") + end
+    return with_caption(record, found)

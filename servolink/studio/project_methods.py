@@ -14,6 +14,7 @@ from servolink.errors import ProjectError
 from servolink.motion import INTERVAL_UNIT
 from servolink.project import (
     BackupStore,
+    CopiedMotions,
     Diagnostic,
     Figure,
     Mirror,
@@ -24,18 +25,12 @@ from servolink.project import (
     preflight,
     validate_project,
 )
-from servolink.protocol import Action, Macro, record_to_json
+from servolink.protocol import CAPTION_SIZE, Action, Macro, RecordType, record_to_json
 from servolink.studio.studio_methods import METHODS, PageCaller
-from servolink.support import computed, write_json
+from servolink.support import computed
 
 
 class FileText(Struct, forbid_unknown_fields=True):
-    """The text of a project file."""
-
-    text: str
-
-
-class FileContent(Struct, frozen=True):
     """The text of a project file."""
 
     text: str
@@ -74,8 +69,6 @@ ById: TypeAlias = dict[Id, Annotated[str, Meta(max_length=256)]]
 Angles: TypeAlias = Annotated[dict[Id, Annotated[int, Meta(ge=-0x7FFF, le=0x7FFF)]], Meta(max_length=256)]
 """Whole degrees by servo id."""
 T = TypeVar("T")
-
-_CAPTION_BYTES = 32
 
 
 class Sides(Struct, forbid_unknown_fields=True):
@@ -161,6 +154,35 @@ class SeenMovement(Struct, forbid_unknown_fields=True):
     """Seconds to the first pose."""
 
 
+class CopiedText(SomeProject, forbid_unknown_fields=True):
+    """Text from a clipboard, and how motions in the text are to fit this robot."""
+
+    text: Annotated[str, Meta(max_length=500_000)]
+    servos: Annotated[list[CopiedMotions.NamedServo], Meta(max_length=512)]
+    """Servos of this robot."""
+    pairs: dict[Id, Annotated[int, Meta(ge=0, le=255)] | None] | None = None
+    """Servo of this robot for each servo of the other; by default, by names."""
+    mirror: Sides | None = None
+    """What tells left from right, if the motions are to be mirrored."""
+    percent: Annotated[int, Meta(ge=1, le=10_000)] = 100
+    """Times, in percent of those that were copied."""
+
+
+class Pasted(Struct, frozen=True):
+    """Motions as they fit this robot."""
+
+    servos: tuple[CopiedMotions.NamedServo, ...] = ()
+    """Servos of the other robot."""
+    pairs: dict[int, int | None] = {}
+    names: tuple[str, ...] = ()
+    """Captions of the motions; no names for a text that no studio has copied."""
+    left: tuple[str, ...] = ()
+    """Actions left out, because no servo has a partner."""
+    actions: tuple[Any, ...] = ()
+    """Records to be added, in the form of project files, likewise `macros`."""
+    macros: tuple[Any, ...] = ()
+
+
 class Images(Struct, frozen=True):
     """Mirror images of servos by servo id."""
 
@@ -190,7 +212,7 @@ def lesson(caller: PageCaller, params: PoseFilm) -> LessonMade:
         macros=tuple(Macro(*each) for each in _by_id(params.macros).items()),
     )
     number = f" {len(seconds)}" if len(seconds) > 1 else ""
-    if len(f"{params.name}{number}".encode(errors="replace")) > _CAPTION_BYTES:
+    if len(f"{params.name}{number}".encode(errors="replace")) > CAPTION_SIZE:
         return LessonMade(seconds, tuple(least), "name_long")
     try:
         if not params.may_repeat:
@@ -198,9 +220,7 @@ def lesson(caller: PageCaller, params: PoseFilm) -> LessonMade:
     except ProjectError:
         return LessonMade(seconds, tuple(least), "name_taken")
     after = extend_project(before, recorder.record()) if seconds and params.name else before
-    actions = [record_to_json(one) for one in after.actions if one not in before.actions]
-    macros = [record_to_json(one) for one in after.macros if one not in before.macros]
-    return LessonMade(seconds, tuple(least), "", tuple(actions), tuple(macros))
+    return LessonMade(seconds, tuple(least), "", *_added(before, after))
 
 
 @METHODS.add("project.ease", Role.WATCH, touches=Touches.NOTHING)
@@ -222,6 +242,32 @@ def thin(caller: PageCaller, params: SeenMovement) -> Eased:
     return _eased(*PoseRecorder.thinned(params.times, angles, params.error, params.lead))
 
 
+@METHODS.add("project.paste", Role.WATCH, touches=Touches.NOTHING)
+@computed
+def paste(caller: PageCaller, params: CopiedText) -> Pasted:
+    """Return the motions in a text from a clipboard as they fit this robot. ProjectError for a time too long."""
+    try:
+        copied = CopiedMotions.parse(params.text)
+    except ValueError:
+        return Pasted()
+    before = ProjectFile.of_form(params.project).project
+    pairs = copied.pairs(params.servos) if params.pairs is None else _by_id(params.pairs)
+    mirrored = Mirror.images(params.mirror.figure, _by_id(params.mirror.captions)) if params.mirror else {}
+    plain = {
+        theirs: Mirror.ServoImage(ours, 1, 0, is_right=False) for theirs, ours in pairs.items() if ours is not None
+    }
+    images = {theirs: mirrored.get(image.servo, image) for theirs, image in plain.items()}
+    after, left = copied.pasted(before, images, params.percent / 100)
+    names = tuple(RecordType.of(one).caption_of(one) for one in (*copied.records.macros, *copied.records.actions))
+    return Pasted(copied.servos, pairs, names, tuple(left), *_added(before, after))
+
+
+def _added(before: Project, after: Project) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    actions = [record_to_json(one) for one in after.actions if one not in before.actions]
+    macros = [record_to_json(one) for one in after.macros if one not in before.macros]
+    return tuple(actions), tuple(macros)
+
+
 def _eased(recorder: PoseRecorder, worst: float) -> Eased:
     poses = [LessonPose({str(each): at for each, at in pose.degrees.items()}, pose.seconds) for pose in recorder.poses]
     size = extend_project(Project(), recorder.record()).total_size() if poses else 0
@@ -236,18 +282,14 @@ def _by_id(values: Mapping[str, T]) -> dict[int, T]:
 @computed
 def file_read(caller: PageCaller, params: FileText) -> ProjectExported:
     """Return the project in the text of a file. ProjectError names the fault and the place."""
-    return ProjectExported(_form_of(ProjectFile.parse(params.text)))
+    return ProjectExported(ProjectFile.parse(params.text).form())
 
 
 @METHODS.add("studio.file.write", Role.WATCH, touches=Touches.NOTHING)
 @computed
-def file_write(caller: PageCaller, params: SomeProject) -> FileContent:
+def file_write(caller: PageCaller, params: SomeProject) -> FileText:
     """Return the text of the file for a project, as `servolink export` writes it."""
-    return FileContent(write_json(_form_of(ProjectFile.of_form(params.project))))
-
-
-def _form_of(file: ProjectFile) -> dict[str, Any]:
-    return ProjectFile(file.project, unchecked=file.unchecked, figure=file.figure, blocks=file.blocks).form()
+    return FileText(ProjectFile.of_form(params.project).text())
 
 
 @METHODS.add("studio.check", Role.WATCH, touches=Touches.NOTHING)

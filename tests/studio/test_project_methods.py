@@ -150,6 +150,31 @@ def test_the_name_of_a_lesson_must_be_free_and_leave_room_for_the_number(name: s
     run(test)
 
 
+def test_a_page_asks_how_motions_of_another_robot_fit_before_they_are_pasted() -> None:
+    async def test(place: Place) -> None:
+        steps = [{"servo_id": 1, "degree": 40, "interval_ms": 500}]
+        action = {"action_id": 7, "action_caption": "Up", "steps": steps}
+        servos = [{"id": 1, "caption": "L arm", "part": ""}]
+        copied = {"kind": "servolink motions", "version": 1, "servos": servos, "actions": [action], "macros": []}
+        ours = [{"id": 2, "caption": "l arm", "part": ""}, {"id": 3, "caption": "R arm", "part": ""}]
+        question = {"text": json.dumps(copied), "project": {"schema": 1}, "servos": ours}
+        found = (await called(place, "project.paste", **question))["result"]
+        assert (found["servos"], found["pairs"], found["names"]) == (servos, {"1": 2}, ["Up"])
+        assert found["actions"] == [{**action, "action_id": 1, "steps": [{**steps[0], "servo_id": 2}]}]
+        mirror = {"captions": {"2": "L arm", "3": "R arm"}}
+        fit = {"mirror": mirror, "percent": 200}
+        (made,) = (await called(place, "project.paste", **question, **fit))["result"]["actions"]
+        assert made["steps"] == [{"servo_id": 3, "degree": -40, "interval_ms": 1000}]
+        lost = (await called(place, "project.paste", **question, pairs={"1": None}))["result"]
+        assert (lost["actions"], lost["left"]) == ([], ["Up"])
+        foreign = (await called(place, "project.paste", **{**question, "text": "<img src=x>"}))["result"]
+        assert (foreign["names"], foreign["actions"]) == ([], [])
+        error = (await called(place, "project.paste", **question, percent=10_000_000))["error"]
+        assert error["code"] == Code.INVALID_PARAMS
+
+    run(test)
+
+
 def test_a_file_is_read_and_written_as_the_command_line_does() -> None:
     async def test(place: Place) -> None:
         project = (await called(place, "studio.file.read", text=TEXT))["result"]["project"]

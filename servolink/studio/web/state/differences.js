@@ -1,6 +1,6 @@
 // Differences between two projects, record by record.
 
-import { idOf, KINDS, NUMBERS } from "./records.js";
+import { idOf, KINDS, NUMBERS, withEdit } from "./records.js";
 
 /** @typedef {import("./records.js").Project} Project */
 /** @typedef {import("./records.js").Kind} Kind */
@@ -42,21 +42,11 @@ export function differencesOf(before, after) {
  * @param {Project} board
  * @returns {Project}
  */
-export function rebased(base, draft, board) {
-  const edits = differencesOf(base, draft);
-  if (edits.length === 0) return board;
-  const result = { ...board };
-  for (const kind of KINDS) {
-    const records = byId(board, kind);
-    for (const { id, after } of edits.filter((edit) => edit.kind === kind)) {
-      if (after === undefined) records.delete(id);
-      else records.set(id, after);
-    }
-    /** @type {any} */ (result)[kind] = [...records.values()].sort((a, b) => idOf(kind, a) - idOf(kind, b));
-  }
-  for (const kind of NUMBERS) if (base[kind] !== draft[kind]) /** @type {any} */ (result)[kind] = draft[kind];
-  return result;
-}
+export const rebased = (base, draft, board) =>
+  differencesOf(base, draft).reduce(
+    (project, { kind, id, after }) => withEdit(project, { kind, id, record: after ?? null }),
+    board,
+  );
 
 /**
  * @param {Project} project
