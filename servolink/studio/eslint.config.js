@@ -1,7 +1,7 @@
 // What the compiler does not see in the page's own modules: names that are not used, and code that nobody reaches.
 
 const BROWSER = [
-  "AbortController", "addEventListener", "atob", "Blob", "caches", "cancelAnimationFrame", "clearInterval", "clearTimeout", "confirm", "console",
+  "AbortController", "addEventListener", "atob", "Blob", "BroadcastChannel", "caches", "cancelAnimationFrame", "clearInterval", "clearTimeout", "confirm", "console",
   "CustomEvent", "devicePixelRatio", "document", "Element", "Event", "EventSource", "EventTarget", "fetch", "File", "getComputedStyle", "history",
   "HTMLElement", "HTMLInputElement", "innerHeight", "innerWidth", "IntersectionObserver", "isSecureContext", "KeyboardEvent", "localStorage", "location", "matchMedia",
   "MessageChannel", "MouseEvent", "navigator", "performance", "PointerEvent", "postMessage", "queueMicrotask", "removeEventListener",

@@ -5,7 +5,7 @@ of the line, which the page counts up with each connection, and a text:
 
 | from the page | text | to the page | text |
 | --- | --- | --- | --- |
-| open | greeting of the page | message | message of the studio |
+| open, or watch | greeting of a page that edits, or watches | message | message of the studio |
 | message | message of the page | close | code and reason, as JSON |
 | close | | refused | why the board of before cannot be opened; number 0 |
 | program.end | | | |
@@ -23,6 +23,7 @@ from typing import TypeAlias
 
 import msgspec
 
+from servolink.control import RoleName
 from servolink.errors import DecodeError, ServolinkError
 from servolink.protocol import ALL_SERVOS, PACKETS, ByteOrder, Codec, FrameAt, SetServoParameterRequest
 from servolink.studio.page import OK, Hello, serve_page
@@ -93,8 +94,8 @@ class WorkerDoor:
             self._ports.take(kind, number, text)
             return
         match kind:
-            case "open":
-                self._tasks.begin(self._serve(number, text))
+            case "open" | "watch":
+                self._tasks.begin(self._serve(number, text, "edit" if kind == "open" else "watch"))
             case "message" if number in self._lines:
                 self._lines[number].heard.put_nowait(text)
             case "close" if number in self._lines:
@@ -140,13 +141,14 @@ class WorkerDoor:
                 await self._studio.robots.stop(self._studio.hub, self._ports.stops_behind)
             await asyncio.sleep(_STOP_PAUSE)
 
-    async def _serve(self, number: int, greeting: str) -> None:
+    async def _serve(self, number: int, greeting: str, role: RoleName) -> None:
         line = self._lines[number] = _PortLine(number, self._post)
         try:
             hello = msgspec.json.decode(greeting, type=Hello)
+            hello.token = role  # each role has turns of its own
             await self._begun.wait()
             with suppress(ConnectionError):
-                await serve_page(self._studio, hello, "edit", line)
+                await serve_page(self._studio, hello, role, line)
             await line.close(OK)
         except msgspec.MsgspecError as error:
             await line.close(_NO_GREETING, str(error))

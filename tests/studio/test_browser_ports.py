@@ -132,6 +132,35 @@ def test_a_second_tab_says_that_another_one_has_the_robot(page: Any, server: Pag
     expect(other.get_by_text("VIRTUAL BOARD")).to_be_visible()
 
 
+def test_a_second_tab_watches_stops_and_takes_over(page: Any, server: PageServer) -> None:
+    page.get_by_role("link", name="Live").click()
+    page.get_by_role("button", name="Robot", exact=True).click()
+    other = page.context.new_page()
+    other.add_init_script(f"sessionStorage.setItem('granted', 'yes');{SERIAL}")  # granted to all tabs of the page
+    other.goto(f"{server.url}#live")
+    expect(other.get_by_text("Another tab of this browser has the robot 1a86-7523.")).to_be_visible(timeout=START)
+    other.get_by_role("button", name="Watch").click()
+    expect(other.get_by_text("This page may only watch.")).to_be_visible(timeout=START)
+    assert not any("worker" in one.url and "beat" not in one.url for one in other.workers)
+    assert other.get_by_label("Target of servo 1,").count() == 0
+    angle = other.locator(".sv [data-part=angle]").first
+    before = angle.inner_text(timeout=START)
+    for _ in range(10):
+        page.get_by_label("Target of servo 1,").press("ArrowRight", delay=300)
+    expect(angle).not_to_have_text(before, timeout=START)
+    began = time.time()
+    other.locator(".stop:visible").click()
+    assert wait_for_stop(server, began) - began < SOON
+    for each in (page, other):
+        expect(each.get_by_text("The robot is stopped.")).to_be_visible(timeout=START)
+    expect(other.get_by_role("button", name="Start all")).to_have_count(0)
+    page.close()
+    expect(other.get_by_text("The tab with the robot has ended.")).to_be_visible(timeout=START)
+    other.get_by_role("button", name="Take over").click()
+    expect(other.get_by_label("Target of servo 1,")).to_be_enabled(timeout=START)
+    expect(other.get_by_text("VIRTUAL BOARD")).to_have_count(0)
+
+
 @pytest.mark.slow
 def test_a_browser_without_ports_is_told_which_has_them(server: PageServer, browser: Any) -> None:
     page = browser.new_page()

@@ -43,16 +43,17 @@ class Page:
         elif not kind.startswith("port."):
             self.told[number].put_nowait((kind, json.loads(text)))
 
-    def open(self, number: int) -> None:
-        self.door.take("open", number, json.dumps({"token": "", "who": "Tablet"}))
+    def open(self, number: int, kind: str = "open") -> None:
+        self.door.take(kind, number, json.dumps({"token": "", "who": "Tablet"}))
 
     async def call(self, number: int, method: str, **params: Any) -> Any:
+        """Return the result of a call, or its error."""
         request = {"jsonrpc": "2.0", "id": method, "method": method, "params": params}
         self.door.take("message", number, json.dumps(request))
         while True:
             _, message = await self.told[number].get()
             if message.get("id") == method:
-                return message["result"]
+                return message["result"] if "result" in message else message["error"]
 
     async def angle(self, number: int, servo_id: int) -> float:
         """Return the next angle of a servo on a line that watches."""
@@ -80,6 +81,20 @@ async def test_a_page_moves_the_virtual_robot() -> None:
         await page.call(1, "move", targets={"1": 30}, duration=0.2, wait=True)
         await page.call(1, "servos.watch", hz=10)
         assert await page.angle(1, servo_id=1) == pytest.approx(30, abs=1)
+
+
+async def test_another_tab_watches_and_stops_but_does_not_move() -> None:
+    async with opened() as page:
+        page.open(1)
+        page.open(2, "watch")
+        assert (await page.told[2].get())[1]["role"] == "watch"
+        await page.call(1, "move", targets={"1": 30}, duration=30)
+        for method in ("move", "studio.use", "lease.take"):
+            assert "watch" in (await page.call(2, method))["message"], method
+        await page.call(2, "servos.watch", hz=10)
+        await page.angle(2, servo_id=1)
+        await page.call(2, "stop")
+        assert not any(servo["is_start"] for servo in (await page.call(1, "servos.list"))["servos"])
 
 
 async def test_a_page_that_leaves_is_told_so_and_may_come_back() -> None:

@@ -2,6 +2,7 @@
 
 import { effect, html, render } from "./html.js";
 import { Link } from "./link/link.js";
+import { followTabs, TabLine } from "./link/tabs.js";
 import { WorkerLine, watchPorts } from "./link/worker-line.js";
 import { drawFigures } from "./parts/stage.js";
 import { enterOnLeave, followTyping } from "./parts/typing.js";
@@ -10,7 +11,7 @@ import { sayLease } from "./shell/control.js";
 import { listenToKeys } from "./shell/keys.js";
 import { followAddress } from "./shell/rail.js";
 import { loadAll } from "./shell/screens.js";
-import { isInPage } from "./state/connecting.js";
+import { isInPage, watched } from "./state/connecting.js";
 import { followFigure, loadTemplates } from "./state/figure.js";
 import { followFleet } from "./state/fleet.js";
 import { followLibrary } from "./state/library.js";
@@ -37,7 +38,8 @@ function takeToken() {
 
 const token = takeToken();
 const scheme = location.protocol === "https:" ? "wss" : "ws";
-const connect = () => (isInPage ? new WorkerLine() : new WebSocket(`${scheme}://${location.host}/ws`));
+const inPage = () => (watched ? new TabLine() : new WorkerLine());
+const connect = () => (isInPage ? inPage() : new WebSocket(`${scheme}://${location.host}/ws`));
 const link = new Link(connect, token, who.value);
 const motion = new Motion(link);
 
@@ -45,6 +47,7 @@ const motion = new Motion(link);
 addEventListener("hashchange", () => location.hash.startsWith("#token=") && location.reload());
 
 if (isInPage) watchPorts();
+followTabs();
 enterOnLeave();
 followTyping();
 followAddress();

@@ -7,7 +7,7 @@ import { t } from "../texts/text.js";
 /** @typedef {{ code: number, message: string, data?: { kind?: string, remedy?: string } }} ErrorObject */
 /** @typedef {{ session: string, role: "watch" | "run" | "move" | "edit", name: string, url: string, is_virtual: boolean, profile: any, is_link: boolean, has_fleet: boolean, stops: number | null }} Welcome */
 
-/** @typedef {import("./worker-line.js").WorkerLine | WebSocket} Line */
+/** @typedef {import("./page-line.js").PageLine | WebSocket} Line */
 
 const FIRST_PAUSE = 250,
   LONGEST_PAUSE = 4000; // milliseconds

@@ -1,8 +1,9 @@
-// The line to a studio that runs in a worker of this page: what `Link` needs of a WebSocket.
+// The line to a studio that runs in a worker of this page.
 
 import { tellFailure, tellLoading, tellUnkept } from "../state/loading.js";
 import { keptAddress, tellRefusal } from "../state/connecting.js";
 import { grantedPorts, onPorts } from "./granted.js";
+import { PageLine } from "./page-line.js";
 import { Ports } from "./ports.js";
 
 /** @type {Worker | null} */
@@ -15,15 +16,15 @@ const ports = new Ports((kind, number, text) => worker?.postMessage([kind, numbe
   find: async (url) => (await grantedPorts()).get(url)?.make() ?? null,
 });
 
-/** What ends the programs in other workers. */
-let endPrograms = () => {};
-/** Call `end` when the page stops the robot, or has lost the studio: its programs are to end then. @param {() => void} end */
-export const onStop = (end) => void (endPrograms = end);
+/** @type {(() => void)[]} */
+const stopping = [];
+/** Call `stop` when the page stops the robot, or has lost the studio, as for programs in other workers. @param {() => void} stop */
+export const onStop = (stop) => void stopping.push(stop);
 
-/** Stop all servos of boards at the ports of this page at once, whatever the worker is doing; then end the programs. */
+/** Stop all servos of boards at the ports of this page at once, whatever the worker is doing; then all that moves them. */
 export function stopPorts() {
   ports.stop();
-  endPrograms();
+  for (const stop of stopping) stop();
 }
 
 /** Connect a program in another worker with the hub, through a port; return its number. @param {MessagePort} port */
@@ -78,27 +79,21 @@ function start() {
 /** @param {string} why */
 function fail(why) {
   ports.abandon();
-  endPrograms();
+  for (const stop of stopping) stop();
   tellFailure(why);
   worker?.terminate();
   worker = null;
   for (const line of lines.values()) line.heard("close", JSON.stringify({ code: 1011, reason: why }));
 }
 
-/** One connection of the page to the studio. */
-export class WorkerLine {
-  constructor() {
-    this._number = ++lastLine;
-    /** @type {number} */
-    this.readyState = WebSocket.OPEN;
-    /** @type {(() => void) | null} */
-    this.onopen = null;
-    /** @type {((event: { data: string }) => void) | null} */
-    this.onmessage = null;
-    /** @type {((event: { code: number, reason: string }) => void) | null} */
-    this.onclose = null;
-    this._kind = "open";
-    lines.set(this._number, this);
+/** One connection of the page to the studio in its worker. */
+export class WorkerLine extends PageLine {
+  /** @param {"open" | "watch"} first kind of the first message, which gives the role */
+  constructor(first = "open") {
+    const number = ++lastLine;
+    super(first, (kind, text) => worker?.postMessage([kind, number, text]));
+    this._number = number;
+    lines.set(number, this);
     if (worker === null) {
       worker = start();
       tellPorts();
@@ -106,23 +101,14 @@ export class WorkerLine {
     queueMicrotask(() => this.onopen?.());
   }
 
-  /** @param {string} text */
-  send(text) {
-    worker?.postMessage([this._kind, this._number, text]);
-    this._kind = "message";
-  }
-
   close() {
-    this.readyState = WebSocket.CLOSED;
     lines.delete(this._number);
-    worker?.postMessage(["close", this._number, ""]);
+    super.close();
   }
 
   /** @param {string} kind @param {string} text */
   heard(kind, text) {
-    if (kind === "message") return this.onmessage?.({ data: text });
-    this.readyState = WebSocket.CLOSED;
-    lines.delete(this._number);
-    this.onclose?.(JSON.parse(text));
+    if (kind !== "message") lines.delete(this._number);
+    super.heard(kind, text);
   }
 }

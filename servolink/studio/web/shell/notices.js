@@ -4,7 +4,7 @@ import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { Note } from "../parts/note.js";
 import { safeText } from "../parts/safe-text.js";
-import { dismissRefusal, refused } from "../state/connecting.js";
+import { dismissRefusal, endWatching, isTabClosed, offered, refused, watch, watched } from "../state/connecting.js";
 import {
   another,
   boardState,
@@ -31,14 +31,18 @@ import { ask } from "./control.js";
 export function Notices(tools) {
   const note = present();
   const canAsk = note?.key === "note.others",
-    canLeave = note?.key === "note.unshared" && isLocal();
+    canLeave = note?.key === "note.unshared" && isLocal(),
+    canEnd = watched !== null && note?.key === "note.watching",
+    canTakeOver = note?.key === "note.tab_closed";
   return html`${
     note &&
     html`<div class="veil"><${Note} ...${note}>
     ${canAsk && html`<button class="btn" onClick=${() => ask(tools)}>${t("lease.ask_for")}</button>`}
     ${canLeave && html`<button class="btn" onClick=${() => tools.link.leave()}>${t("robots.choose_other")}</button>`}
+    ${canEnd && html`<button class="btn" onClick=${() => endWatching()}>${t("tabs.end")}</button>`}
+    ${canTakeOver && html`<button class="btn" onClick=${() => endWatching(watched?.url)}>${t("lease.take_over")}</button>`}
   </${Note}></div>`
-  }<${StoppedNote} ...${tools} /><${ProblemNote} /><${RefusedNote} />`;
+  }<${StoppedNote} ...${tools} /><${ProblemNote} /><${RefusedNote} /><${TabNote} />`;
 }
 
 /** @param {Tools} tools */
@@ -65,9 +69,19 @@ function RefusedNote() {
   </${Note}></div>`;
 }
 
+/** The robot of another tab, which this tab may watch. */
+function TabNote() {
+  const robot = offered.value;
+  if (robot === null) return null;
+  return html`<div class="veil"><${Note} kind="info" title=${t("tabs.offered", { name: safeText(robot.name) })} detail=${t("tabs.offered_detail")}>
+    <button class="btn" onClick=${() => watch(robot)}>${t("tabs.watch")}</button>
+  </${Note}></div>`;
+}
+
 function present() {
   if (linkState.value === "refused")
     return { kind: "bad", urgent: true, ...both(isLocal() ? "note.refused" : "note.revoked") };
+  if (isTabClosed.value) return { kind: "bad", urgent: true, ...both("note.tab_closed") };
   if (linkState.value === "lost") return { kind: "bad", urgent: true, ...both("note.studio_lost") };
   if (linkState.value === "unshared") return { kind: "bad", urgent: true, ...both("note.unshared") };
   if (linkState.value === "connecting" || !hasBoard.value) return null;
@@ -89,7 +103,7 @@ function present() {
 const isLocal = () => ["127.0.0.1", "localhost", "[::1]"].includes(location.hostname);
 
 /**
- * @param {"note.refused" | "note.revoked" | "note.studio_lost" | "note.unshared" | "note.board_lost" | "note.another" | "note.held" | "note.watching" | "note.others"} key
+ * @param {"note.refused" | "note.revoked" | "note.studio_lost" | "note.tab_closed" | "note.unshared" | "note.board_lost" | "note.another" | "note.held" | "note.watching" | "note.others"} key
  * @param {Record<string, string>} [values]
  */
 const both = (key, values = {}) => ({ key, title: t(key, values), detail: t(`${key}_detail`, values) });
