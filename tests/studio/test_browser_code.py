@@ -10,9 +10,12 @@ from typing import Any
 
 import pytest
 
+from tests.studio.board_program import BoardProgram
 from tests.studio.browser import found_by_axe, in_browser
 from tests.studio.node_tools import needs_npm
+from tests.studio.page_server import PageServer
 from tests.studio.test_browser_page import START, served
+from tests.studio.test_browser_ports import connect, opened
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
@@ -34,6 +37,17 @@ board = await servolink.connect()
 await board.move({1: -60}, duration=20)
 print("moving")
 while True: pass
+"""
+BUTTONS = """
+import servolink
+async with servolink.connect() as board:
+    print("waiting")
+    async for event in board.button_events():
+        print("button", event.button_id, event.kind)
+        if event.kind == "up":
+            await board.move({1: 30}, duration=0.2, wait=True)
+            print("arrived")
+            break
 """
 HOSTILE = """
 import js, pyodide_js
@@ -154,6 +168,26 @@ def test_a_hostile_program_finds_no_ports_no_network_and_no_stores(page: Any) ->
     printed(page, "x")
     page.locator("button.stop").first.click()
     expect(page.get_by_text("The program was stopped.")).to_be_visible()
+
+
+def test_buttons_of_a_robot_at_a_port_steer_a_program(built: tuple[Path, str], browser: Any, tmp_path: Path) -> None:
+    presses = tmp_path / "presses.txt"
+    presses.write_text("".join(f"{second} press 3\n" for second in range(1, 1000)))
+    board = BoardProgram(tmp_path, "--script", str(presses))
+    server = PageServer(built[0], board.url)
+    try:
+        page = opened(browser.new_context(locale="en-GB"), server.url)
+        connect(page)
+        page.get_by_role("link", name="Code").click()
+        expect(button(page, "Run")).to_be_enabled(timeout=START)
+        run(page, BUTTONS)
+        button(page, "Run it").click()
+        for text in ("button 3 press", "button 3 up", "arrived"):
+            printed(page, text)
+        expect(page.get_by_text("The program has ended.")).to_be_visible()
+    finally:
+        server.close()
+        board.kill()
 
 
 @needs_npm
