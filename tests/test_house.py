@@ -20,7 +20,7 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 79_749,
+    "lines": 79_752,
     "files": 475,
     "names that cross rooms": 607,
     "own imports of a file, median": 5,
@@ -32,7 +32,7 @@ CEILINGS = {
     "classes with more than 15 attributes": 17,
     "functions with more than 8 arguments": 5,
     "lines of benchmarks": 6_262,
-    "lines of JavaScript": 18_216,
+    "lines of JavaScript": 18_404,
 }
 
 LATE = {
