@@ -34,7 +34,15 @@ ANSWERS = [
     ("how fast is it", ["How fast it is", "roundtrip"], "benchmarks", "A request and its response"),
 ]
 """Questions of strangers: links to follow from the start page, in order, and page and heading of the answer."""
+SOURCES = [
+    path.relative_to(ROOT).as_posix()
+    for folder in ("servolink", "tests", "benchmarks", "docs")
+    for suffix in ("py", "js")
+    for path in (ROOT / folder).rglob(f"*.{suffix}")
+]
 MOST_CLICKS = 3
+MOST_LINES = 200
+"""Lines of a page in docs/design."""
 
 _LINK = re.compile(r"\[([^\]\n]*(?:\n[^\]\n]+)?)\]\(([^)\s]+)\)")
 
@@ -63,6 +71,14 @@ def test_a_stranger_reaches_the_answer(question: str, clicks: list[str], page: s
     wanted = _anchor(heading)
     assert wanted in anchors(at), question
     assert anchor in {"", wanted}, "the link leads to the heading, or to the page that has it"
+
+
+@over("page", sorted((ROOT / "docs/design").glob("*.md")))
+def test_a_page_on_the_design_is_short_and_names_files_that_there_are(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert text.count("\n") <= MOST_LINES
+    for name in re.findall(r"`([\w./-]*\w\.(?:py|js))`", text):
+        assert any(f"/{path}".endswith(f"/{name}") for path in SOURCES), name
 
 
 def links(page: Path) -> list[tuple[str, str]]:

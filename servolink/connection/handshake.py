@@ -4,7 +4,7 @@ A program that was killed, or an earlier connection, may have left questions wit
 like responses to ours. So a connection begins with a random word of cheap queries, one at a time. The board answers in
 order, so whatever it owes comes first. The last kind of query occurs nowhere else in the word, so the word can be
 complete early only if a whole copy of it was owed: never for fewer responses than the word has queries, and rarely for
-more (`docs/design/matching.md` has the figures).
+more (`docs/design/opening.md` has the figures).
 
 A board that may answer twice gets words without equal neighbours, and equal responses in a row count once.
 

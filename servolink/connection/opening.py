@@ -16,7 +16,7 @@ others (`handshake.py` has the word, with the proof). An opening is all that is 
 * OPEN: the word is complete.
 
 A stop goes at any time, and the word is drawn anew. When the board is silent for too long, answers too little or too
-often, the opening fails with the evidence (`deadlines.py` has the limits). docs/design/matching.md has the figures.
+often, the opening fails with the evidence (`deadlines.py` has the limits). docs/design/opening.md has the figures.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Life of a connection: its states, and the event that leads from one to the next (docs/design/matching.md)."""
+"""Life of a connection: its states, and the event that leads from one to the next (docs/design/opening.md)."""
 
 from __future__ import annotations
 

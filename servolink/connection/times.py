@@ -1,4 +1,4 @@
-"""Times of a connection, in seconds unless said otherwise. docs/design/matching.md has the reasons."""
+"""Times of a connection, in seconds unless said otherwise. docs/design/opening.md has the reasons."""
 
 from __future__ import annotations
 

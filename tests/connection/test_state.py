@@ -1,4 +1,4 @@
-"""A connection has one state; events lead from one to the next as the page on matching says."""
+"""A connection has one state; events lead from one to the next as the page on openings says."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.client.piped_board import SWALLOWED, PipedBoard, connected
 from tests.connection.openings import LIST, STOP, opening
 from tests.tables import over
 
-PAGE = Path(__file__).parents[2] / "docs/design/matching.md"
+PAGE = Path(__file__).parents[2] / "docs/design/opening.md"
 QUERY = QueryProjectIDRequest()
 STRAY = QueryProjectIDResponse(666)
 
