@@ -111,7 +111,7 @@ def types(program: Any) -> list[str]:
 def test_blocks_are_kept_when_the_page_is_loaded_again_at_once(studio: Studio, profile: Any, is_lost: bool) -> None:
     line = Line(profile)
     line.lost = {"studio.blocks.save"} if is_lost else set()
-    with opened(None, studio.url, profile=profile) as page:
+    with opened(None, studio.url, profile=profile, loss=True) as page:
         show(page, "Blocks")
         add_macro_block(page)
         page.reload()
@@ -125,7 +125,7 @@ def test_blocks_are_kept_when_the_page_is_loaded_again_at_once(studio: Studio, p
 def test_blocks_that_were_not_kept_in_time_never_reach_the_next_robot(studio: Studio, arm: str, profile: Any) -> None:
     line = Line(profile)
     line.lost = {"studio.blocks.save"}
-    with opened(None, studio.url, profile=profile) as page, opened(profile.browser, studio.url) as other:
+    with opened(None, studio.url, profile=profile, loss=True) as page, opened(profile.browser, studio.url) as other:
         show(page, "Blocks")
         show(other, "Board")
         add_macro_block(page)
@@ -159,7 +159,7 @@ def test_text_that_is_being_typed_is_kept_when_the_page_is_loaded_again(studio: 
 def test_an_edit_that_only_the_browser_has_outlives_two_reloads(studio: Studio, profile: Any) -> None:
     line = Line(profile)
     line.lost = {"studio.draft.save"}
-    with opened(None, studio.url, profile=profile) as page:
+    with opened(None, studio.url, profile=profile, loss=True) as page:
         show(page, "Actions")
         page.get_by_role("button", name="New action").click()
         page.get_by_label("Name", exact=True).fill("Arm out")
@@ -177,7 +177,7 @@ def test_an_edit_that_only_the_browser_has_outlives_two_reloads(studio: Studio, 
 
 def test_an_edit_is_no_conflict_with_its_own_beginning(studio: Studio, profile: Any) -> None:
     line = Line(profile)
-    with opened(None, studio.url, profile=profile) as page:
+    with opened(None, studio.url, profile=profile, loss=True) as page:
         show(page, "Actions")
         page.get_by_role("button", name="New action").click()
         name = page.get_by_label("Name", exact=True)
@@ -197,7 +197,7 @@ def test_an_edit_is_no_conflict_with_its_own_beginning(studio: Studio, profile: 
 
 def test_a_short_press_of_a_nudge_counts_although_the_lease_comes_late(studio: Studio, profile: Any) -> None:
     line = Line(profile)
-    with opened(None, studio.url, profile=profile) as page:
+    with opened(None, studio.url, profile=profile, loss=True) as page:
         show(page, "Servos")
         page.locator(".mrow").nth(5).click()
         page.clock.install()
