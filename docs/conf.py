@@ -14,7 +14,7 @@ from sphinx.builders.html import StandaloneHTMLBuilder  # noqa: E402
 from sphinx.ext.napoleon.docstring import GoogleDocstring  # noqa: E402
 
 import servolink  # noqa: E402
-from docs import command_pages, json_output, llms_txt  # noqa: E402
+from docs import command_pages, llms_txt, made_pages  # noqa: E402
 from docs.accessible import accessible  # noqa: E402
 
 if TYPE_CHECKING:
@@ -66,9 +66,9 @@ def setup(app: Sphinx) -> None:
 
 
 def prepare(app: Sphinx) -> None:
-    """Write what is made from the commands, and let the template of all pages repair what the theme makes."""
+    """Write what is made from the code alone, and let the template of all pages repair what the theme makes."""
     command_pages.write(command_pages.SITE, command_pages.site_pages())
-    json_output.write_schema()
+    made_pages.write()
     if isinstance(app.builder, StandaloneHTMLBuilder):
         app.builder.templates.environment.filters["accessible"] = accessible
 

@@ -1,7 +1,4 @@
-"""docs/reference/control-interface.md and its JSON Schema, made from the declarations of the messages.
-
-`python -m docs.control_interface` writes them anew.
-"""
+"""docs/reference/control-interface.md and its JSON Schema, made from the declarations of the messages."""
 
 from __future__ import annotations
 
@@ -325,8 +322,3 @@ def _range(info: types.IntType | types.FloatType) -> str:
     low = f"above {info.gt:g}" if info.gt is not None else "" if info.ge is None else f"at least {info.ge:g}"
     high = "" if info.le is None else f"at most {info.le:g}"
     return "".join(f", {bound}" for bound in (low, high) if bound)
-
-
-if __name__ == "__main__":
-    PAGE.write_text(control_interface(), encoding="utf-8")
-    SCHEMA.write_text(schema_text(), encoding="utf-8")

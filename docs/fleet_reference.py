@@ -1,7 +1,4 @@
-"""docs/reference/fleet.md and its JSON Schema, made from the declarations of topics and payloads.
-
-`python -m docs.fleet_reference` writes them anew.
-"""
+"""docs/reference/fleet.md and its JSON Schema, made from the declarations of topics and payloads."""
 
 from __future__ import annotations
 
@@ -121,8 +118,3 @@ def _listed(names: list[str]) -> str:
 def schema_text() -> str:
     """Return the schema."""
     return json.dumps(schema(), indent=2) + "\n"
-
-
-if __name__ == "__main__":
-    PAGE.write_text(fleet_reference(), encoding="utf-8")
-    SCHEMA.write_text(schema_text(), encoding="utf-8")

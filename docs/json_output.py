@@ -1,7 +1,4 @@
-"""docs/reference/json-output.md and its JSON Schema, made from the results that commands return.
-
-`python -m docs.json_output` writes the page anew. The schema is made with the site.
-"""
+"""docs/reference/json-output.md and its JSON Schema, made from the results that commands return."""
 
 from __future__ import annotations
 
@@ -108,9 +105,9 @@ def schema() -> dict[str, Any]:
     }
 
 
-def write_schema() -> None:
-    """Write the file of the schema beside the page that leads to it."""
-    SCHEMA.write_text(json.dumps(schema(), indent=1) + "\n", encoding="utf-8")
+def schema_text() -> str:
+    """Return the file of the schema."""
+    return json.dumps(schema(), indent=1) + "\n"
 
 
 def page() -> str:
@@ -156,7 +153,3 @@ def _type(form: dict[str, Any]) -> str:
         inner = _type(form["additionalProperties"])
         return f"object of ({inner})" if " or " in inner else f"object of {inner}"
     return str(kind)
-
-
-if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")

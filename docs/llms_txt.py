@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from docs import command_pages
+from docs.made_pages import text_of
 
 FOLDER = Path(__file__).parent
 
@@ -67,12 +68,12 @@ def read(name: str) -> Page:
 
 
 def _source(name: str) -> str:
-    """Return the Markdown of a page; those of commands are made, as in the site."""
+    """Return the Markdown of a page, made if it is, as in the site."""
     path = FOLDER / f"{name}.md"
-    return _made()[path.name] if path.parent == command_pages.SITE else path.read_text(encoding="utf-8")
+    return _commands()[path.name] if path.parent == command_pages.SITE else text_of(path)
 
 
-_made = cache(command_pages.site_pages)
+_commands = cache(command_pages.site_pages)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""docs/reference/packets.md, made from the declarations: `python -m docs.packet_reference` writes it anew."""
+"""docs/reference/packets.md, made from the declarations of the packets."""
 
 from __future__ import annotations
 
@@ -120,7 +120,3 @@ def _notes(hint: Any) -> Iterator[Any]:
     if get_origin(hint) is not tuple:
         for argument in get_args(hint):
             yield from _notes(argument)
-
-
-if __name__ == "__main__":
-    PAGE.write_text(packet_reference(), encoding="utf-8")

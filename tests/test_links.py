@@ -1,4 +1,4 @@
-"""Links of README.md and docs/ lead somewhere for those who read them in the repository, where nothing is built.
+"""Links of README.md and docs/ lead somewhere in the repository, or to a page of the reference that the site has.
 
 From the start page they lead a stranger to answers.
 """
@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from docs.command_pages import SITE
+from docs.made_pages import MADE, text_of
 from tests.tables import over
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted(path for path in (ROOT / "docs").rglob("*.md") if "_" not in path.parent.name)]
-
-MADE_WITH_THE_SITE = {"json-output.schema.json"}
-"""Files that a build of the site writes beside the page; a fresh copy of the repository lacks them."""
+WRITTEN = {path for path in (ROOT / "docs").rglob("*.md") if "_" not in path.parent.name and path.parent != SITE}
+PAGES = [ROOT / "README.md", *sorted(WRITTEN | {path for path in MADE if path.suffix == ".md"})]
 
 START = ROOT / "docs/index.md"
 ANSWERS = [
@@ -55,7 +55,7 @@ def test_links_have_a_text_and_lead_somewhere(page: Path) -> None:
         if "://" in target:
             continue
         aim = page.parent / path if path else page
-        assert aim.exists() or target in MADE_WITH_THE_SITE, target
+        assert aim.exists() or aim.resolve() in MADE, target
         assert not heading or heading in anchors(aim), target
 
 
@@ -83,13 +83,13 @@ def test_a_page_on_the_design_is_short_and_names_files_that_there_are(page: Path
 
 def links(page: Path) -> list[tuple[str, str]]:
     """Return text and target of each link on a page, without what is in blocks of code."""
-    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^```.*?^```$", "", text_of(page.resolve()), flags=re.MULTILINE | re.DOTALL)
     return _LINK.findall(text)
 
 
 def anchors(page: Path) -> set[str]:
     """Return the anchors that a repository's web page makes of the headings of `page`; a second one ends in -1."""
-    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    headings = re.findall(r"^#+ (.+)$", text_of(page.resolve()), flags=re.MULTILINE)
     plain = [_anchor(heading) for heading in headings]
     return {f"{name}-{plain[:at].count(name)}" if name in plain[:at] else name for at, name in enumerate(plain)}
 

@@ -9,6 +9,7 @@ import pytest
 
 from docs.command_pages import names
 from docs.llms_txt import FOLDER, read, text, toctrees
+from docs.made_pages import MADE
 
 LINE = re.compile(r"- \[([^\]]+)\]\(_sources/(\S+)\.md\.txt\): (\S.*)")
 SITE = FOLDER / "_build"
@@ -27,7 +28,7 @@ def test_every_page_is_listed_once_with_a_line() -> None:
         path.relative_to(FOLDER).with_suffix("").as_posix()
         for path in FOLDER.rglob("*.md")
         if not {"_build", "examples", "commands"} & set(path.relative_to(FOLDER).parts)
-    }
+    } | {path.relative_to(FOLDER).with_suffix("").as_posix() for path in MADE if path.suffix == ".md"}
     assert len(listed) == len(set(listed))
     assert set(listed) == written - {"index"} | {f"reference/commands/{name}" for name in ("index", *names())}
 
