@@ -40,6 +40,12 @@ def test_it_begins_with_what_servolink_is_and_goes_on_as_the_index() -> None:
     assert [line[3:] for line in lines if line.startswith("## ")] == [caption for caption, _ in toctrees("index")]
 
 
+def test_a_guide_says_at_its_head_for_whom_it_is() -> None:
+    guides = [read(name) for _, name, _ in entries() if name.startswith("how-to/")]
+    assert len(guides) > 30
+    assert [page.name for page in guides if not page.first.startswith("For ")] == []
+
+
 def test_a_line_is_the_first_sentence_without_links() -> None:
     assert read("how-to/troubleshoot").first == "For owners of a silent board: `servolink doctor` finds out why."
     assert "`servolink mcp`, a server of the Model Context Protocol, lets it" in read("how-to/language-models").first
