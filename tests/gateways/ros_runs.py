@@ -2,7 +2,7 @@
 
 `python -m tests.gateways.ros_runs`, in an environment with the extra ros2 and what `ros_messages/build` adds, prints
 the figures, and fails if one is out of bounds. `python -m tests.gateways.ros_runs mover SECONDS` is a program that is
-ended after it has sent a trajectory.
+ended after it has sent a trajectory; with `asker`, it has sent a goal of the action.
 """
 
 # pyright: reportMissingImports=false
@@ -269,16 +269,16 @@ def description(client: Client) -> None:
     assert JOINT in joints
 
 
-def death_of_a_client(client: Client, how: signal.Signals, lease: float) -> None:
-    """Measure how long the joint turns after the end of the program that has sent the trajectory."""
+def death_of_a_client(client: Client, what: str, how: signal.Signals, lease: float) -> None:
+    """Measure how long the joint turns after the end of the program that has sent the trajectory or the goal."""
     client.home()
-    mover = processes.start((sys.executable, "-m", __spec__.name, "mover", str(lease)))
+    program = processes.start((sys.executable, "-m", __spec__.name, what, str(lease)))
     client.moving()
     ended = time.time()
-    processes.finish(mover, how)
+    processes.finish(program, how)
     seconds = client.last_turn(ended)
     client.during(1.0)
-    print(f"{how.name} of a client, lease {lease:g} s: last turn seen {1000 * seconds:.0f} ms later")
+    print(f"{how.name} of a {what}, lease {lease:g} s: last turn seen {1000 * seconds:.0f} ms later")
     assert client.track[-1][1] < 140, "it went to the end"
     assert seconds <= 1.0
     assert client.diagnostics["servolink: motion"] == (
@@ -287,8 +287,8 @@ def death_of_a_client(client: Client, how: signal.Signals, lease: float) -> None
     )
 
 
-def mover(lease: float) -> None:
-    """Send a trajectory when the robot listens, and live on."""
+def mover(what: str, lease: float) -> None:
+    """Send a trajectory or a goal when the robot listens, and live on."""
     rclpy.init(args=[])
     node = rclpy.create_node("mover")
     qos = QoSProfile(depth=1)
@@ -297,7 +297,13 @@ def mover(lease: float) -> None:
     publisher = node.create_publisher(JointTrajectory, "joint_trajectory", qos)
     while not publisher.get_subscription_count():
         rclpy.spin_once(node, timeout_sec=0.05)
-    publisher.publish(trajectory((0.5, 0), (8.0, 150)))
+    way = trajectory((0.5, 0), (8.0, 150))
+    if what == "asker":
+        action = ActionClient(node, FollowJointTrajectory, "/servolink/follow_joint_trajectory")
+        action.wait_for_server()
+        action.send_goal_async(FollowJointTrajectory.Goal(trajectory=way))
+    else:
+        publisher.publish(way)
     try:
         rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -388,12 +394,13 @@ def main() -> None:
         ended_goals(client)
         track_of_200_points(client)
         stops(client)
-        death_of_a_client(client, signal.SIGINT, 0.0)
-        death_of_a_client(client, signal.SIGKILL, 0.4)
+        for what in ("mover", "asker"):
+            death_of_a_client(client, what, signal.SIGINT, 0.0)
+            death_of_a_client(client, what, signal.SIGKILL, 0.4)
         garbage(client, door)
         client.node.destroy_node()
         rclpy.shutdown()
 
 
 if __name__ == "__main__":
-    mover(float(sys.argv[2])) if sys.argv[1:2] == ["mover"] else main()
+    mover(sys.argv[1], float(sys.argv[2])) if sys.argv[1:] else main()

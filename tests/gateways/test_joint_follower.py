@@ -153,6 +153,7 @@ def test_a_motion_ends_with_the_program_that_sent_it(senders: set[bytes] | None)
         scene.hear(SLOW)
         await scene.moving()
         scene.follower.left({b"other", b"sender"})
+        scene.follower.client_left()
         await scene.moving()
         scene.follower.left(senders)
         await scene.still()
@@ -207,8 +208,12 @@ def test_a_trajectory_is_refused_while_another_program_moves_the_robot() -> None
     async def use(scene: Scene) -> None:
         async with connect("share://rex?role=move") as other:
             await other.move({3: 5}, duration=0.02)
+            before = await scene.angle(1)
             scene.hear(SLOW)
             await scene.robot.until(lambda: "are moved by" in scene.rows()["motion"][1])
+            await scene.still()
+            assert len(scene.robot.motions) == 1, "only the motion of the other program reached the board"
+            assert await scene.angle(1) == before
 
     on_scene(use)
 
@@ -281,6 +286,12 @@ def test_goals_are_reached_replaced_cancelled_stopped_and_refused() -> None:
         code, text = await result()
         assert (code, "degrees from the trajectory" in text) == (-4, True)
         assert await scene.angle(1) < 30
+        for leave in (scene.follower.client_left, lambda: scene.follower.left(None)):
+            ask(SLOW)
+            await scene.moving()
+            leave()
+            assert await result() == (-1, "the motion was ended, as the program that sent the trajectory is gone")
+            await scene.still()
         ask(SLOW)
         await scene.moving()
         async with connect("share://rex?role=watch") as other:

@@ -97,10 +97,15 @@ class JointFollower:
             self._end("", "the goal was cancelled")
 
     def left(self, senders: Collection[bytes] | None) -> None:
-        """End the motion unless the sender of the trajectory is among the remaining `senders`. None: always."""
-        movers = {sender for sender, goal in self._under_way() if goal.message is None}
-        if not self._outlive and movers and (senders is None or not movers <= {*senders}):
-            self._end("the motion was ended, as the program that sent the trajectory is gone")
+        """End a trajectory of the topic unless its publisher is among `senders`, those left. None: end any motion."""
+        movers = {sender for sender, goal in self._under_way() if goal.message is None or senders is None}
+        if movers and (senders is None or not movers <= {*senders}):
+            self._lose_sender()
+
+    def client_left(self) -> None:
+        """End a goal, as any client of the action may have sent it: ROS does not say which."""
+        if any(goal.message for _, goal in self._under_way()):
+            self._lose_sender()
 
     async def stop(self) -> str:
         """Stop all servos, and return what was done. Raise OutcomeUnknown without a report of all servos."""
@@ -206,6 +211,10 @@ class JointFollower:
         """Return whether nothing is left to wait for. Raise TrajectoryRefused if the latest reading is far off."""
         reading, now = self.latest or ServoReading(begun, ()), self._loop.time() - begun
         return not goal.message or goal.see(trajectory, now, reading.seconds - begun, self.angles_in(reading))
+
+    def _lose_sender(self) -> None:
+        if not self._outlive:
+            self._end("the motion was ended, as the program that sent the trajectory is gone")
 
     def _under_way(self) -> list[tuple[bytes, RosGoal]]:
         """Return sender and goal of what is checked, moves or waits."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import Collection, Coroutine, Iterable, Mapping
+from collections.abc import Collection, Coroutine, Iterable, Mapping, Sequence
 from functools import partial
 from threading import Thread
 from typing import Any
@@ -17,7 +17,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.duration import Duration
-from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
@@ -42,7 +42,9 @@ try:
 except ImportError:  # an installed ROS has it; it is on no package index
     Action = None
 
+_ACTION = "~/follow_joint_trajectory"
 _MOST_BYTES = 1_048_576
+_LISTED = 0.3  # seconds after which ROS no longer lists a publisher that has left
 _LIVELY = Duration(seconds=0.5)  # longest lease of liveliness that is watched
 _STOP_LIMIT = 10.0  # seconds for which the executor waits for the event loop
 
@@ -74,7 +76,11 @@ class RosNode:
         node.create_service(Trigger, "~/start", lambda request, response: self._answer(response, follower.start()))
         if Action:  # a result is kept for 2 s, as all are in a flood of goals
             calls = {"handle_accepted_callback": self._begin, "cancel_callback": self._cancel}
-            ActionServer(node, Action, "~/follow_joint_trajectory", _result, **calls, result_timeout=2)
+            ActionServer(node, Action, _ACTION, _result, **calls, result_timeout=2)
+            # Publishes nothing: each client subscribes to the feedback, and ROS tells no action server who leaves.
+            unmatched = PublisherEventCallbacks(matched=self._lose_client, use_default_callbacks=False)
+            feedback = Action.Impl.FeedbackMessage, f"{_ACTION}/_action/feedback"
+            node.create_publisher(*feedback, last, event_callbacks=unmatched)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(node)
         self._thread = Thread(target=self._spin, name="servolink ROS")
@@ -126,10 +132,10 @@ class RosNode:
 
     def _match(self, event: Any) -> None:
         """Notice publishers that leave, and begin to watch the liveliness of publishers with an offer of liveliness."""
-        found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name("joint_trajectory"))
-        if event.current_count_change < 0:
-            senders = {bytes(each.endpoint_gid) for each in found}
-            self._loop.call_soon_threadsafe(self._follower.left, senders)
+        found = self._publishers()
+        if _has_left(event):
+            for delay in (0.0, _LISTED):
+                self._loop.call_soon_threadsafe(self._loop.call_later, delay, self._look)
         # Not before: ROS warns every publisher without an offer about a subscription that does not match.
         if self._lively is None and any(each.qos_profile.liveliness_lease_duration <= _LIVELY for each in found):
             asked = QoSProfile(depth=1, liveliness=LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=_LIVELY)
@@ -137,6 +143,20 @@ class RosNode:
             self._lively = self._node.create_subscription(
                 JointTrajectory, "joint_trajectory", lambda data: None, asked, raw=True, event_callbacks=events
             )
+
+    def _publishers(self) -> Sequence[Any]:
+        found: Sequence[Any] = self._node.get_publishers_info_by_topic(
+            self._node.resolve_topic_name("joint_trajectory")
+        )
+        return found
+
+    def _look(self) -> None:
+        if not self._ended.is_set():
+            self._follower.left({bytes(each.endpoint_gid) for each in self._publishers()})
+
+    def _lose_client(self, event: Any) -> None:
+        if _has_left(event):
+            self._loop.call_soon_threadsafe(self._follower.client_left)
 
     def _miss(self, event: Any) -> None:
         """Tell of a publisher whose process shows no sign of life."""
@@ -212,6 +232,11 @@ async def _diagnose(node: RosNode, follower: JointFollower, findings: Collection
     while True:
         node.publish_diagnostics(follower.statuses(findings), hub)
         await asyncio.sleep(1.0)
+
+
+def _has_left(event: Any) -> bool:
+    """Return whether any endpoint has left, though others may have come meanwhile."""
+    return bool(event.total_count_change > event.current_count_change)
 
 
 def _result(result: tuple[int, str], handle: Any) -> Any:
