@@ -120,7 +120,7 @@ class Speech:
         messages = {
             english: text
             for place, each in texts["messages"].items()
-            if "doctor" in place or "transports" in place  # a template of others could fit a part of a sentence
+            if re.search("doctor|transports|line_marks", place)  # a template of others could fit a part of a sentence
             for english, text in each.items()
         }
         self._messages = dict(sorted(messages.items(), key=lambda one: -len(self._VALUE.sub("", one[0]))))

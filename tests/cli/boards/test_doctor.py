@@ -43,6 +43,15 @@ def test_messages_are_translated_line_by_line_with_their_values() -> None:
     assert chinese.said("log out and in again\nls") == "登出再登入\nls"
     assert chinese.said("close the program, or: kill 7") == "關閉那個程式，或：kill 7"
     assert chinese.said("project id none, little byte order, 0.5 ms") == "專案識別碼 無，位元組順序 little，0.5 毫秒"
+    refused = "rfc2217://rex:1: the server refuses RFC 2217; if it only passes bytes, write tcp://rex:1"
+    assert (
+        chinese.said(refused)
+        == "rfc2217://rex:1：序列埠伺服器拒絕 RFC 2217；如果它只是原樣轉送資料，請填寫 tcp://rex:1"
+    )
+    assert (
+        chinese.said("or, if it speaks RFC 2217: write rfc2217:// in place of tcp://")
+        == "如果它支援 RFC 2217，也可以把 tcp:// 改寫為 rfc2217://"
+    )
     for text in ("", "servo 1: nobody knows", "the cable is red, and blue", "a: b"):
         assert chinese.said(text) == text
     assert Speech({}).said("log out and in again") == "log out and in again"
