@@ -20,7 +20,7 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 79_752,
+    "lines": 79_785,
     "files": 475,
     "names that cross rooms": 607,
     "own imports of a file, median": 5,
