@@ -14,7 +14,7 @@ async def dance(board: servolink.Board) -> None:
     """Go through all poses; `start` lets servos obey again that were stopped."""
     for pose in POSES:
         await board.move(pose, duration=0.5, wait=True, start=True)
-    print("danced")
+    print("danced", flush=True)
 
 
 async def main() -> None:
