@@ -180,16 +180,16 @@ class CopiedMotions(Struct, frozen=True):
         records = ProjectFile.of_form(convert(form, ProjectFile.form_type(unchecked=False))).project
         return cls(convert(value.get("servos"), tuple[CopiedMotions.NamedServo, ...]), records)
 
-    def pairs(self, ours: Sequence[NamedServo]) -> dict[int, int | None]:
-        """Return the servo of this robot for each servo of the other, by id; None for none.
+    def pairs(self, ours: Sequence[NamedServo]) -> dict[int, int]:
+        """Return the servo of this robot for servos of the other, by id.
 
         Servos are matched by caption, then by part, then by id. A name that two servos of a robot have matches none.
         """
-        pairs: dict[int, int | None] = dict.fromkeys(one.id for one in self.servos)
+        pairs: dict[int, int] = {}
         for at in range(3):
             theirs = _by_name(self.servos, at)
             found = _by_name([one for one in ours if one.id not in pairs.values()], at)
-            pairs |= {theirs[name]: found[name] for name in theirs.keys() & found if pairs[theirs[name]] is None}
+            pairs |= {theirs[name]: found[name] for name in theirs.keys() & found if theirs[name] not in pairs}
         return pairs
 
     def pasted(
@@ -201,9 +201,8 @@ class CopiedMotions(Struct, frozen=True):
         `project` is used; other records get a caption and an id of their own. ProjectError for too long a duration.
         """
         records, _ = scale_project(self.records, factor)
-        made: dict[int, dict[int, Any]] = {MacroCommandType.ACTION: {}, MacroCommandType.MACRO: {}}
-        actions, macros = made.values()
-        left = []
+        actions, macros, left = dict[int, Any](), dict[int, Any](), list[str]()
+        made: dict[int, dict[int, Any]] = {MacroCommandType.ACTION: actions, MacroCommandType.MACRO: macros}
         for action in records.actions:
             if steps := _fitted(action.steps, images):
                 own = replace(action, action_id=0, steps=steps)

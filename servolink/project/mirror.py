@@ -90,7 +90,7 @@ class Mirror:
         """1 or -1: the image has `factor` times the angle plus `offset`."""
         offset: float
         """Degrees."""
-        is_right: bool
+        is_right: bool = False
         """Whether the servo itself is on the right, so that its image is on the left."""
 
     @staticmethod

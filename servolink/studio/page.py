@@ -52,7 +52,7 @@ _MOST_LINE = 8 * Peer.MOST_BYTES  # bytes in a line of the hub
 OK, NO_HUB, MOVING = 1000, 4404, 4410
 """Codes with which a page is disconnected: at the end, without a hub, and as the studio goes on to another board."""
 _OWN = "studio."
-_STOPS = ("stop", "studio.fleet.stop")
+_STOPS = ("stop", "studio.stop", "studio.fleet.stop")
 _REFUSED = {name: method for name, method in HUB_METHODS.items() if Touches.HOST in method.scope.touches}
 """Methods of the hub that are refused to links."""
 

@@ -160,7 +160,7 @@ class CopiedText(SomeProject, forbid_unknown_fields=True):
     text: Annotated[str, Meta(max_length=500_000)]
     servos: Annotated[list[CopiedMotions.NamedServo], Meta(max_length=512)]
     """Servos of this robot."""
-    pairs: dict[Id, Annotated[int, Meta(ge=0, le=255)] | None] | None = None
+    pairs: dict[Id, Annotated[int, Meta(ge=0, le=255)]] | None = None
     """Servo of this robot for each servo of the other; by default, by names."""
     mirror: Sides | None = None
     """What tells left from right, if the motions are to be mirrored."""
@@ -173,7 +173,7 @@ class Pasted(Struct, frozen=True):
 
     servos: tuple[CopiedMotions.NamedServo, ...] = ()
     """Servos of the other robot."""
-    pairs: dict[int, int | None] = {}
+    pairs: dict[int, int] = {}
     names: tuple[str, ...] = ()
     """Captions of the motions; no names for a text that no studio has copied."""
     left: tuple[str, ...] = ()
@@ -253,10 +253,7 @@ def paste(caller: PageCaller, params: CopiedText) -> Pasted:
     before = ProjectFile.of_form(params.project).project
     pairs = copied.pairs(params.servos) if params.pairs is None else _by_id(params.pairs)
     mirrored = Mirror.images(params.mirror.figure, _by_id(params.mirror.captions)) if params.mirror else {}
-    plain = {
-        theirs: Mirror.ServoImage(ours, 1, 0, is_right=False) for theirs, ours in pairs.items() if ours is not None
-    }
-    images = {theirs: mirrored.get(image.servo, image) for theirs, image in plain.items()}
+    images = {theirs: mirrored.get(ours, Mirror.ServoImage(ours, 1, 0)) for theirs, ours in pairs.items()}
     after, left = copied.pasted(before, images, params.percent / 100)
     names = tuple(RecordType.of(one).caption_of(one) for one in (*copied.records.macros, *copied.records.actions))
     return Pasted(copied.servos, pairs, names, tuple(left), *_added(before, after))

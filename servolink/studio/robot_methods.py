@@ -91,6 +91,13 @@ async def give_back(caller: PageCaller, params: HubName) -> Done:
     return Done()
 
 
+@METHODS.add("studio.stop", Role.WATCH, touches=Touches.NOTHING, is_urgent=True)
+async def stop(caller: PageCaller, params: NoParams) -> Done:
+    """Stop all servos of all boards that the studio shares. ServolinkError if a board does not confirm that."""
+    await caller.studio.robots.stop_all()
+    return Done()
+
+
 def _found(caller: PageCaller) -> tuple[FoundBoard, ...]:
     try:
         aliases = Aliases.load()

@@ -76,6 +76,10 @@ class Robots:
         _, _, stop = self._shared[name]
         await stop(frames)
 
+    async def stop_all(self) -> None:
+        """Stop all servos of all boards shared from here. Raise ServolinkError if a board does not confirm that."""
+        await asyncio.gather(*(self.stop(name, 0) for name in self._shared))
+
     async def give_back(self, name: str) -> None:
         """End the sharing of a board and free its port. No effect for a board shared by another program."""
         if name in self._shared:
@@ -134,12 +138,6 @@ async def _talking(name: str) -> AsyncIterator[RpcChannel]:
         yield channel
     finally:
         await channel.close()
-
-
-async def stop_all(name: str) -> None:
-    """Stop all servos of the board of the hub `name`. Raise ServolinkError if that is not confirmed."""
-    async with _talking(name) as hub:
-        await hub.call("stop", timeout=_STOP_LIMIT)
 
 
 async def stop_before_leaving(name: str) -> bool:

@@ -25,12 +25,12 @@ pytestmark = pytest.mark.usefixtures("user")
 ROLES: dict[RoleName, str] = {
     "watch": """
         battery board.facts board.state buttons.subscribe buttons.unsubscribe lease.ask lease.beat lease.give
-        limits.tighten project.export project.ease project.images project.lesson project.paste project.thin
+        limits.tighten project.ease project.export project.images project.lesson project.paste project.thin
         recorder.list recorder.status records.get records.list rename servos.ack servos.list servos.parameters
         servos.unwatch servos.watch status stop stop.heard studio.about studio.blocks.get studio.check
         studio.draft.get studio.figure.get studio.file.read studio.file.write studio.fleet studio.fleet.groups
-        studio.fleet.stop studio.rename studio.twin.reach studio.twin.stop studio.twin.try studio.twin.verdicts
-        tap.start tap.stop
+        studio.fleet.stop studio.rename studio.stop studio.twin.reach studio.twin.stop studio.twin.try
+        studio.twin.verdicts tap.start tap.stop
     """,
     "run": """
         lease.take motion.check recorder.mark recorder.start recorder.stop run run.prepare run.start

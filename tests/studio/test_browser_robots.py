@@ -182,14 +182,23 @@ def test_an_address_is_typed_and_a_wrong_one_says_why(nothing: str, arm: str, br
         expect(page.get_by_label("Target of servo 6,")).to_have_count(1)
 
 
-def test_a_board_is_shared_with_other_programs_and_given_back(nothing: str, arm: str, browser: Any) -> None:
-    with opened(browser, nothing) as page:
+@pytest.mark.parametrize("size", ["desktop", "phone"])
+def test_a_board_is_shared_with_other_programs_stopped_and_given_back(
+    nothing: str, arm: str, browser: Any, size: str
+) -> None:
+    with opened(browser, nothing, size) as page:
         page.get_by_role("button", name="Share only").click()
         expect(page.get_by_text("shared by this studio")).to_be_visible()
+        no_overflow(page)
         with sync.connect(f"share://{arm.removeprefix('tcp://').replace('.', '-').replace(':', '-')}") as board:
             assert len(board.servos()) == 6
+            board.set_servo("all", start=True, hold=True)
+            page.locator(".stop:visible").click()
+            expect(page.get_by_text("Stopped", exact=True)).to_be_visible()
+            assert not any(servo.is_start for servo in board.servos())
         page.get_by_role("button", name="Give the port back").click()
         expect(page.get_by_role("button", name="Share only")).to_be_visible(timeout=PATIENCE)
+        expect(page.locator(".stop")).to_have_count(0)
 
 
 @needs_npm

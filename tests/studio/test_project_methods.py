@@ -165,7 +165,7 @@ def test_a_page_asks_how_motions_of_another_robot_fit_before_they_are_pasted() -
         fit = {"mirror": mirror, "percent": 200}
         (made,) = (await called(place, "project.paste", **question, **fit))["result"]["actions"]
         assert made["steps"] == [{"servo_id": 3, "degree": -40, "interval_ms": 1000}]
-        lost = (await called(place, "project.paste", **question, pairs={"1": None}))["result"]
+        lost = (await called(place, "project.paste", **question, pairs={}))["result"]
         assert (lost["actions"], lost["left"]) == ([], ["Up"])
         foreign = (await called(place, "project.paste", **{**question, "text": "<img src=x>"}))["result"]
         assert (foreign["names"], foreign["actions"]) == ([], [])

@@ -96,6 +96,21 @@ def test_all_pages_go_on_to_another_board_after_the_servos_were_stopped() -> Non
     run(test)
 
 
+def test_every_page_may_stop_the_boards_that_are_shared_and_not_shown() -> None:
+    async def test(place: Place) -> None:
+        async with arm() as url, place.page() as page:
+            await welcomed(page, place.gate.new_token("watch"))
+            assert "result" in await call(page, "studio.stop")
+            name = await place.studio.robots.open(url)
+            async with connect(f"share://{name}") as board:
+                await board.set_servo("all", start=True, hold=True)
+                assert any(one.is_start for one in await board.servos())
+                assert "result" in await call(page, "studio.stop")
+                assert not any(one.is_start for one in await board.servos())
+
+    run_without_a_board(test)
+
+
 @pytest.mark.parametrize("url", ["tcp://127.0.0.1:1", "nonsense://", "", "share://nobody", "\u202e", "a" * 501])
 def test_a_board_that_cannot_be_opened_changes_nothing(url: str) -> None:
     async def test(place: Place) -> None:

@@ -17,7 +17,7 @@ import { NumberField } from "./number-field.js";
 import { safeText } from "./safe-text.js";
 
 /** @typedef {import("../state/clipboard.js").NamedServo} NamedServo */
-/** Servo of this robot for each servo of the other, null for none. @typedef {Record<string, number | null>} Pairs */
+/** Servo of this robot for servos of the other that have one. @typedef {Record<string, number>} Pairs */
 /**
  * Motions as they fit this robot, with `left` for names of actions of which no step is left.
  * @typedef {{ servos: NamedServo[], pairs: Pairs, names: string[], left: string[], actions: import("../state/records.js").Action[], macros: import("../state/records.js").Macro[] }} Motions
@@ -106,7 +106,7 @@ const count = ({ actions, macros }) => ({ actions: actions.length, macros: macro
 /** @param {{ motions: Motions, onChange: (pairs: Pairs) => void }} props */
 function Matched({ motions: { names, servos, pairs, left }, onChange }) {
   const ours = draft.value ? namedServos(draft.value) : [];
-  const lost = servos.filter(({ id }) => (pairs[id] ?? null) === null).map(theirName);
+  const lost = servos.filter(({ id }) => !(id in pairs)).map(theirName);
   return html`<p>${names.filter(Boolean).map(safeText).join(", ")}</p>
     <table class="pairs"><caption class="sr">${t("paste.servos")}</caption>
       <thead><tr><th>${t("paste.theirs")}</th><th>${t("paste.ours")}</th></tr></thead>
@@ -122,7 +122,8 @@ function Pair({ servo, ours, pairs, onChange }) {
     name = theirName(servo);
   const choose = (/** @type {Event} */ event) => {
     const { value } = /** @type {HTMLSelectElement} */ (event.currentTarget);
-    onChange({ ...pairs, [servo.id]: value === NONE ? null : Number(value) });
+    const { [servo.id]: _, ...others } = pairs;
+    onChange(value === NONE ? others : { ...others, [servo.id]: Number(value) });
   };
   return html`<tr class=${chosen === null ? "lost" : ""}>
     <th scope="row">${name}</th>

@@ -2,7 +2,7 @@
 
 import { createContext, html, useContext } from "../html.js";
 import { shownScreen, stopFleet } from "../state/fleet.js";
-import { hasBoard, hasFleet } from "../state/robot.js";
+import { hasBoard, hasFleet, sharesBoards } from "../state/robot.js";
 import { toast } from "../state/toasts.js";
 import { list, t } from "../texts/text.js";
 import { safeText } from "./safe-text.js";
@@ -18,7 +18,7 @@ export const StopTools = createContext(/** @type {Tools} */ ({}));
 export function StopButton() {
   const tools = useContext(StopTools),
     stopsAll = stopsFleet();
-  if (!hasBoard.value && !hasFleet.value) return null;
+  if (!hasBoard.value && !hasFleet.value && !sharesBoards.value) return null;
   return html`<button class="stop" aria-label=${t(stopsAll ? "stop.all_aria" : "stop.aria")} onClick=${() => stop(tools)}>
     <i aria-hidden="true"></i>${t(stopsAll ? "stop.all" : "stop.label")} <kbd class="hide-t hide-n">Esc</kbd>
   </button>`;
@@ -33,9 +33,9 @@ export const stopsFleet = () => hasFleet.value && (shownScreen.value === "fleet"
  */
 export async function stop({ link, motion }) {
   if (stopsFleet()) stopAll(link);
-  if (!hasBoard.value) return;
+  if (!hasBoard.value && !sharesBoards.value) return;
   try {
-    await motion.stop();
+    await (hasBoard.value ? motion.stop() : link.call("studio.stop"));
   } catch (error) {
     toast({ kind: "bad", title: t("stop.failed"), detail: error instanceof Error ? error.message : "" });
     return;

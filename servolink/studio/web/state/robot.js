@@ -54,6 +54,8 @@ export const servoIds = signal(/** @type {number[]} */ ([]));
 export const isMine = computed(() => lease.value !== null && lease.value.session === welcome.value?.session);
 /** Whether another program or page has the lease. */
 export const isOthers = computed(() => lease.value !== null && !isMine.value);
+/** Whether the studio shares boards with other programs, as far as a page without a board knows. */
+export const sharesBoards = signal(false);
 /** Whether the studio uses a board. */
 export const hasBoard = computed(() => welcome.value?.name !== "");
 /** Whether this page may edit the draft and the board. */
@@ -183,6 +185,11 @@ function take(frame) {
 /** Return the angles that the servos report now, for drawing. */
 export const actualPose = () =>
   Object.fromEntries([...servos.value.values()].map((servo) => [servo.servo_id, servo.angle]));
+
+/** @param {boolean} shares whether the studio shares a board, shown or not */
+export function noteShared(shares) {
+  sharesBoards.value = shares;
+}
 
 /** Hide the latest problem that the hub has reported. */
 export function dismissProblem() {

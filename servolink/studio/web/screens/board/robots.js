@@ -1,13 +1,13 @@
 // List of the robots here: connects, changes the robot on all pages, and shares a board with other programs.
 
-import { html, useState } from "../../html.js";
+import { html, useEffect, useState } from "../../html.js";
 import { LinkLost } from "../../link/link.js";
 import { AskButton } from "../../parts/ask-button.js";
 import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { isInPage } from "../../state/connecting.js";
-import { hasBoard, isLive, isLocalEditor, welcome } from "../../state/robot.js";
+import { hasBoard, isLive, isLocalEditor, noteShared, welcome } from "../../state/robot.js";
 import { said } from "../../texts/said.js";
 import { t } from "../../texts/text.js";
 import { useAnswer } from "./asking.js";
@@ -31,6 +31,7 @@ export function RobotList({ link }) {
   const { actions, problem } = useActions(link, ask);
   const { boards = [], fleet = [] } = /** @type {{ boards?: Found[], fleet?: Far[] } | null} */ (answer) ?? {};
   const others = boards.filter((board) => !board.is_ours);
+  useEffect(() => noteShared(boards.some((board) => board.is_kept)), [answer]);
   return html`<section class="card">
     <header><h2>${t("robots.title")}</h2>
       ${isLocalEditor.value && html`<button class="btn s" disabled=${isAsking || answer === null} onClick=${ask}><${Icon} name="search" />${t("robots.look_again")}</button>`}
