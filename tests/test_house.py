@@ -32,7 +32,7 @@ CEILINGS = {
     "classes with more than 15 attributes": 17,
     "functions with more than 8 arguments": 5,
     "lines of benchmarks": 6_262,
-    "lines of JavaScript": 18_413,
+    "lines of JavaScript": 18_404,
 }
 
 LATE = {

@@ -2,12 +2,11 @@
 
 import { html, useEffect, useState } from "../html.js";
 import { copiedText } from "../state/clipboard.js";
-import { figure, nameOf, namedServos } from "../state/figure.js";
+import { nameOf, namedServos } from "../state/figure.js";
 import { ask } from "../state/library.js";
-import { mirror } from "../state/mirror.js";
+import { mirror, sides } from "../state/mirror.js";
 import { draft, edit } from "../state/project.js";
 import { withMade } from "../state/records.js";
-import { captions } from "../state/robot.js";
 import { editToast, toast } from "../state/toasts.js";
 import { t } from "../texts/text.js";
 import { copyText } from "./copy-text.js";
@@ -27,11 +26,8 @@ const NONE = "none"; // value of the choice without a servo
 const LEAST = 25,
   MOST = 400; // percent of the time of a motion
 const MOST_TEXT = 500_000; // characters that the library reads
-const NOTHING = {
-  of: null,
-  motions: { servos: [], pairs: {}, names: [], left: [], actions: [], macros: [] },
-  problem: "",
-};
+const NO_MOTIONS = { servos: [], pairs: {}, names: [], left: [], actions: [], macros: [] };
+const NOTHING = { of: null, motions: NO_MOTIONS, problem: "" };
 
 /**
  * Copy an action or a macro to the clipboard of the system, for another robot or another page.
@@ -54,12 +50,11 @@ export function PasteDialog({ onClose }) {
     [percent, setPercent] = useState(100);
   const [found, setFound] = useState(/** @type {{ of: unknown, motions: Motions, problem: string }} */ (NOTHING));
   useEffect(() => void navigator.clipboard?.readText?.().then(setText, () => {}), []); // else the person pastes by hand
-  const project = draft.value,
-    sides = { captions: captions.value, figure: figure.value?.data ?? null };
+  const project = draft.value;
   useEffect(() => {
     if (project === null || text === "") return setFound(NOTHING);
     let isWanted = true;
-    const fit = { pairs: chosen, mirror: isMirrored ? sides : null, percent };
+    const fit = { pairs: chosen, mirror: isMirrored ? sides() : null, percent };
     ask("project.paste", { text: text.slice(0, MOST_TEXT), project, servos: namedServos(project), ...fit }).then(
       (motions) => isWanted && setFound({ of: project, motions, problem: "" }),
       (error) => isWanted && setFound({ ...found, of: null, problem: safeText(error.message) }),

@@ -49,10 +49,20 @@ export function durations(project) {
   for (const [id, macro] of inOrder(project.macros)) {
     const each = macro.commands.map((command) => durationOf(command, actions, totals));
     found.set(id, each);
-    totals.set(id, each.includes(null) ? null : each.reduce((/** @type {number} */ sum, time) => sum + (time ?? 0), 0));
+    totals.set(id, each.includes(null) ? null : sumOf(each));
   }
   return found;
 }
+
+/**
+ * Return the seconds of each macro as the board counts, by id; null for an unknown duration.
+ * @param {Project} project
+ */
+export const macroSeconds = (project) =>
+  new Map([...durations(project)].map(([id, each]) => [id, each.includes(null) ? null : sumOf(each) / 1000]));
+
+/** @param {(number | null)[]} times */
+const sumOf = (times) => times.reduce((/** @type {number} */ sum, time) => sum + (time ?? 0), 0);
 
 /**
  * @param {Command} command

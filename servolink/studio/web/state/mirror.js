@@ -9,7 +9,10 @@ import { captions } from "./robot.js";
 /** Image of a servo, with `factor` times the angle plus `offset`. @typedef {{ servo: number, factor: number, offset: number, is_right: boolean }} Image */
 /** @typedef {Map<number, Image>} Mirror */
 
-const found = answered("project.images", () => ({ captions: captions.value, figure: figure.value?.data ?? null }), {
+/** Return what tells the left of the robot from its right. */
+export const sides = () => ({ captions: captions.value, figure: figure.value?.data ?? null });
+
+const found = answered("project.images", sides, {
   images: /** @type {Record<string, Image>} */ ({}),
 });
 

@@ -187,9 +187,7 @@ export const actualPose = () =>
   Object.fromEntries([...servos.value.values()].map((servo) => [servo.servo_id, servo.angle]));
 
 /** @param {boolean} shares whether the studio shares a board, shown or not */
-export function noteShared(shares) {
-  sharesBoards.value = shares;
-}
+export const noteShared = (shares) => void (sharesBoards.value = shares);
 
 /** Hide the latest problem that the hub has reported. */
 export function dismissProblem() {

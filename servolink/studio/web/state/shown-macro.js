@@ -3,7 +3,7 @@
 import { computed, effect, signal } from "../html.js";
 import { safeText } from "../parts/safe-text.js";
 import { seconds, t } from "../texts/text.js";
-import { durations } from "./durations.js";
+import { macroSeconds } from "./durations.js";
 import { commandOf, withCommandAt } from "./edit-macro.js";
 import { focusNext } from "./focus.js";
 import { capOf, slowness } from "./limits.js";
@@ -66,18 +66,13 @@ export const fastTurns = computed(() =>
   (course.value?.turns ?? []).filter((turn) => speedOf(turn) > capOf(turn.servoId)),
 );
 
-const milliseconds = computed(() => (draft.value ? durations(draft.value) : new Map()));
+const lasts = computed(() => (draft.value ? macroSeconds(draft.value) : new Map()));
 
 /**
  * Return how long a macro takes as the board counts, seconds; null if it never ends.
  * @param {Macro} one
  */
-export function secondsOfMacro(one) {
-  const each = milliseconds.value.get(one.macro_id) ?? [null];
-  return each.includes(null)
-    ? null
-    : each.reduce((/** @type {number} */ sum, /** @type {number} */ time) => sum + time, 0) / 1000;
-}
+export const secondsOfMacro = (one) => lasts.value.get(one.macro_id) ?? null;
 
 /** @param {Macro} one */
 export const nameOfMacro = (one) => safeText(one.macro_caption) || t("macros.unnamed", { id: one.macro_id });

@@ -22,8 +22,8 @@ const TEXTS = {
   button_up_macro: { icon: "up", title: "buttons.up", hint: "buttons.up_hint" },
 };
 
-/** @param {{ project: Project, table: Table, id: number, secondsOf: (macroId: number) => number }} props */
-export function Assign({ project, table, id, secondsOf }) {
+/** @param {{ project: Project, table: Table, id: number, lasts: Map<number, number | null> }} props */
+export function Assign({ project, table, id, lasts }) {
   const button = buttonOf(table, id);
   /**
    * @param {Partial<import("../../state/records.js").Button>} values
@@ -52,7 +52,7 @@ export function Assign({ project, table, id, secondsOf }) {
       <button class="btn ic" aria-label=${t("buttons.clear")} title=${t("buttons.clear")} onClick=${clear}><${Icon} name="close" /></button>
     </header>
     <div class="pad0 asg">
-      ${SLOTS.map((slot) => html`<${SlotRow} key=${slot} ...${{ project, slot, secondsOf }} value=${button[slot]} onChange=${(/** @type {number} */ macroId) => change({ [slot]: macroId })} />`)}
+      ${SLOTS.map((slot) => html`<${SlotRow} key=${slot} ...${{ project, slot, lasts }} value=${button[slot]} onChange=${(/** @type {number} */ macroId) => change({ [slot]: macroId })} />`)}
       <label class="sw top">
         <input type="checkbox" checked=${button.uninterruptible !== 0} onChange=${setWaits} />
         <span><b>${t("buttons.finish")}</b><small>${t("buttons.finish_hint")}</small></span>
@@ -62,8 +62,8 @@ export function Assign({ project, table, id, secondsOf }) {
   </section>`;
 }
 
-/** @param {{ project: Project, slot: Slot, value: number, secondsOf: (macroId: number) => number, onChange: (macroId: number) => void }} props */
-function SlotRow({ project, slot, value, secondsOf, onChange }) {
+/** @param {{ project: Project, slot: Slot, value: number, lasts: Map<number, number | null>, onChange: (macroId: number) => void }} props */
+function SlotRow({ project, slot, value, lasts, onChange }) {
   const { icon, title, hint } = TEXTS[slot];
   const isMissing = value !== 0 && !project.macros.some((macro) => macro.macro_id === value);
   return html`<div class="slot">
@@ -79,7 +79,7 @@ function SlotRow({ project, slot, value, secondsOf, onChange }) {
       ${isMissing && html`<option value=${value} selected>${t("buttons.missing_macro", { id: value })}</option>`}
       ${project.macros.map(
         (macro) => html`<option value=${macro.macro_id} selected=${macro.macro_id === value}>
-          ${macroName(project, macro.macro_id)} · ${seconds(secondsOf(macro.macro_id), 1)}
+          ${macroName(project, macro.macro_id)} · ${seconds(lasts.get(macro.macro_id) ?? 0, 1)}
         </option>`,
       )}
     </select>

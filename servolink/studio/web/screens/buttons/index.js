@@ -6,7 +6,7 @@ import { Reading } from "../../parts/reading.js";
 import { safeText } from "../../parts/safe-text.js";
 import { Segments } from "../../parts/segments.js";
 import { counts, down, heard } from "../../state/button-events.js";
-import { durations } from "../../state/durations.js";
+import { macroSeconds } from "../../state/durations.js";
 import { beginLasting } from "../../state/lasting.js";
 import { refusal, running } from "../../state/motion.js";
 import {
@@ -49,7 +49,7 @@ export function ButtonsScreen(tools) {
 
 /** @param {{ project: Project, table: Table } & Tools} props */
 function Content({ project, table, motion }) {
-  const secondsOf = totals(project),
+  const lasts = macroSeconds(project),
     isNarrow = useIsNarrow();
   const { press, release, end } = usePresses(motion);
   /** @param {number} id */
@@ -83,7 +83,7 @@ function Content({ project, table, motion }) {
       ${isGamepad(ids) && !isNarrow ? html`<${Pad} ...${shown} />` : html`<${Grid} ids=${ids} onAdd=${chooseButton} ...${shown} />`}
       <${EventLog} macroOf=${(/** @type {number} */ id, /** @type {string} */ kind) => macroName(stored.value, startedBy(id, kind))} />
     </section>
-    ${mayEdit.value && html`<${Assign} key=${`${table.table_id} ${chosenButton.value}`} ...${{ project, table, secondsOf }} id=${chosenButton.value} />`}
+    ${mayEdit.value && html`<${Assign} key=${`${table.table_id} ${chosenButton.value}`} ...${{ project, table, lasts }} id=${chosenButton.value} />`}
   </div>`;
 }
 
@@ -154,7 +154,7 @@ function usePresses(motion) {
   const presses = useRef(/** @type {Presses | null} */ (null));
   presses.current ??= new Presses({
     button: (id) => buttonOf(stored.value && isCurrent.value ? shownTable(stored.value) : undefined, id),
-    seconds: (macroId) => (stored.value ? totals(stored.value)(macroId) : 0),
+    seconds: (macroId) => (stored.value && macroSeconds(stored.value).get(macroId)) ?? 0,
     run: (macroId, seconds) => beginLasting(() => run(motion, macroId, seconds)),
   });
   const made = presses.current;
@@ -219,16 +219,6 @@ function startedBy(id, kind) {
   );
   if (kind === "press") return button.button_press_macro;
   return kind === "long_press" ? button.button_long_press_macro : kind === "up" ? button.button_up_macro : 0;
-}
-
-/**
- * Return a function of the macro id for the duration in seconds; 0 for an unknown duration.
- * @param {Project} project
- */
-function totals(project) {
-  const found = durations(project);
-  return (/** @type {number} */ macroId) =>
-    (found.get(macroId) ?? []).reduce((/** @type {number} */ sum, each) => sum + (each ?? 0), 0) / 1000;
 }
 
 // Events of the buttons of the board, the newest first, and the number of lost ones.
