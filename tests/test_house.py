@@ -20,7 +20,7 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 79_785,
+    "lines": 79_786,
     "files": 475,
     "names that cross rooms": 607,
     "own imports of a file, median": 5,

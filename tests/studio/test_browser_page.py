@@ -225,5 +225,5 @@ def test_nothing_moves_in_a_frame_of_another_site(built: tuple[Path, str], url: 
 def test_an_address_without_https_is_said_in_a_sentence(url: str, browser: Any) -> None:
     page = browser.new_page()
     page.goto(url.replace("127.0.0.1", OF_OTHERS))
-    expect(page.get_by_text("This address is neither https nor localhost")).to_be_visible(timeout=START)
+    expect(page.get_by_text("At this address only the virtual robot works")).to_be_visible(timeout=START)
     move(page)
