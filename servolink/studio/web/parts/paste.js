@@ -16,16 +16,16 @@ import { NumberField } from "./number-field.js";
 import { safeText } from "./safe-text.js";
 
 /** @typedef {import("../state/clipboard.js").NamedServo} NamedServo */
-/** Servo of this robot for servos of the other that have one. @typedef {Record<string, number>} Pairs */
+/** Servo of this robot by servo of the other robot. @typedef {Record<string, number>} Pairs */
 /**
- * Motions as they fit this robot, with `left` for names of actions of which no step is left.
+ * Motions fitted to this robot; `left` holds the names of actions without a step.
  * @typedef {{ servos: NamedServo[], pairs: Pairs, names: string[], left: string[], actions: import("../state/records.js").Action[], macros: import("../state/records.js").Macro[] }} Motions
  */
 
 const NONE = "none"; // value of the choice without a servo
 const LEAST = 25,
   MOST = 400; // percent of the time of a motion
-const MOST_TEXT = 500_000; // characters that the library reads
+const MOST_TEXT = 500_000; // characters read by the library
 const NO_MOTIONS = { servos: [], pairs: {}, names: [], left: [], actions: [], macros: [] };
 const NOTHING = { of: null, motions: NO_MOTIONS, problem: "" };
 

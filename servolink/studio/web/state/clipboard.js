@@ -25,7 +25,7 @@ export function copiedText(project, type, id, servos) {
       macro = kind === "macro" && project.macros.find((each) => each.macro_id === wanted);
     if (action) actions.add(action);
     if (!macro || macros.has(wanted)) return;
-    const commands = macro.commands.filter((command) => command.type !== "other"); // which means nothing elsewhere
+    const commands = macro.commands.filter((command) => command.type !== "other"); // unknown to other boards
     macros.set(wanted, { ...macro, commands });
     for (const command of commands)
       if (command.type === "action" || command.type === "macro") add(command.type, targetOf(command));

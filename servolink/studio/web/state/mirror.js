@@ -9,7 +9,7 @@ import { captions } from "./robot.js";
 /** Image of a servo, with `factor` times the angle plus `offset`. @typedef {{ servo: number, factor: number, offset: number, is_right: boolean }} Image */
 /** @typedef {Map<number, Image>} Mirror */
 
-/** Return what tells the left of the robot from its right. */
+/** Return the names for left and right of the robot. */
 export const sides = () => ({ captions: captions.value, figure: figure.value?.data ?? null });
 
 const found = answered("project.images", sides, {

@@ -54,7 +54,7 @@ export const servoIds = signal(/** @type {number[]} */ ([]));
 export const isMine = computed(() => lease.value !== null && lease.value.session === welcome.value?.session);
 /** Whether another program or page has the lease. */
 export const isOthers = computed(() => lease.value !== null && !isMine.value);
-/** Whether the studio shares boards with other programs, as far as a page without a board knows. */
+/** Whether the studio shares boards with other programs; for pages without a board. */
 export const sharesBoards = signal(false);
 /** Whether the studio uses a board. */
 export const hasBoard = computed(() => welcome.value?.name !== "");
