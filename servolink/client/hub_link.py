@@ -54,6 +54,7 @@ class HubLink:
         self.has_lost_board = False
         """Whether the hub has lost the board, and is reconnecting."""
         self._lost = ""  # description of the loss, for people
+        self._refused: RefusedNotice | None = None  # of the latest motion, or of another packet since
         self._beats: asyncio.Task[None] | None = None
         self.on_board: Callable[[bool], None] = lambda has_lost_board: None
         """Called with `has_lost_board` when the hub loses or finds the board."""
@@ -136,6 +137,13 @@ class HubLink:
         """Return when all is heard that the hub has told by now, since its answers keep the order."""
         await self._channel.call("board.state", timeout=_LIMIT)
 
+    def refusal_of(self, packet: Packet) -> MotionRefused | None:
+        """Return why the hub has not sent a motion, if it has said so since the latest motion was prepared."""
+        refused = self._refused
+        if refused is None or refused.packet != type(packet).__name__:
+            return None
+        return MotionRefused(refused.reason, reason=Reason(refused.cause))
+
     async def stop(self) -> None:
         """Stop all servos, and return when the hub has read all of them as stopped. Raise OutcomeUnknown otherwise."""
         await self._channel.call("stop")
@@ -174,6 +182,8 @@ class HubLink:
         """Take the lease before a motion, and try it. Raise MotionRefused that names another holder, or a fall."""
         if not self._has_lease and packet.is_motion:
             await self.take_lease()
+        if packet.is_motion:
+            self._refused = None
         if self._welcome.has_forecast and packet.is_motion:  # a frame that is refused would only be logged
             await self._channel.call("motion.check", frame=self._connection.codec.encode(packet).hex())
 
@@ -222,7 +232,7 @@ class HubLink:
                 self._connection.stops.stop(escape(stopped.reason) or STOPPED, cause)
                 self._acknowledge(stopped.number)
             elif method == "refused":
-                refused = msgspec.json.decode(params, type=RefusedNotice)
+                self._refused = refused = msgspec.json.decode(params, type=RefusedNotice)
                 _logger.warning("%s was not sent to the board: %s", escape(refused.packet), escape(refused.reason))
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             _logger.warning("a notification of the hub cannot be read: %s", escape(str(error)))

@@ -173,7 +173,7 @@ class Session:
             raise MotionRefused(f"{name} was started, and then interrupted: {refusal}") from refusal
 
     async def check_refused(self, packet: Packet, ticket: Ticket) -> None:
-        """Raise the reason why a motion was refused, if a hub tells one: a stop, a loss, or another program.
+        """Raise the reason why a motion was refused, if a hub tells one: a stop, a loss, another program, a forecast.
 
         The refusal may come first, as it comes on another connection than what the hub tells.
         """
@@ -181,7 +181,7 @@ class Session:
             return
         with suppress(ServolinkError):  # if the hub says nothing, the refusal itself is the error
             await hub.catch_up()
-        if refusal := self.connection.gates.refusal(packet, ticket):
+        if refusal := self.connection.gates.refusal(packet, ticket) or hub.refusal_of(packet):
             raise refusal
 
     # --- requests -----------------------------------------------------------------------------------------------

@@ -8,9 +8,18 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 
 from servolink.connection.gates import Gates
 from servolink.connection.stats import Stats
-from servolink.errors import ConnectionLost
+from servolink.errors import ConnectionLost, ServolinkError
 from servolink.motion import MotionLimits, StopCounter, Ticket
-from servolink.protocol import ButtonEventResponse, Codec, Command, Query, Request, Response, SetServoParameterRequest
+from servolink.protocol import (
+    ButtonEventResponse,
+    Codec,
+    Command,
+    Packet,
+    Query,
+    Request,
+    Response,
+    SetServoParameterRequest,
+)
 
 R = TypeVar("R", bound=Response)
 SendPoints: TypeAlias = Callable[[Mapping[int, float], float], Awaitable[Mapping[int, int]]]
@@ -27,6 +36,10 @@ class BoardSharing(Protocol):
 
     async def catch_up(self) -> None:
         """Return when all is heard that the hub has told by now, such as a stop of another program."""
+
+    def refusal_of(self, packet: Packet) -> ServolinkError | None:
+        """Return why the hub has not sent a motion, if it has said so since the latest motion was prepared."""
+        ...
 
     async def stop(self) -> None:
         """Stop all servos; return when the hub has read all of them as stopped."""

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Struct
 
 from servolink.control.status import ConnectionState, HoldStatus, LeaseStatus, ServoNow, about
+from servolink.errors import Reason
 from servolink.project import Phase
 from servolink.protocol import Packet, SendDummyDataRequest
 
@@ -105,7 +106,8 @@ class RefusedNotice(Struct, frozen=True):
     """Unsent packet of this program, with the reason."""
 
     packet: Annotated[str, about("such as `ExecuteActionRequest`")]
-    reason: str
+    reason: Annotated[str, about("for people")]
+    cause: Annotated[str, about("for programs, as `reason` in the data of an error")] = Reason.OTHER.value
 
 
 class ProblemNotice(Struct, frozen=True):

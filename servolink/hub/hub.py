@@ -368,7 +368,8 @@ class Hub:
         program = exchange.program
         program.counters.refused += 1
         exchange.refused = reason
-        self.tell(RefusedNotice(type(exchange.packet).__name__, reason), program.session_id)
+        cause = Reason.OTHER if exchange.error is None else exchange.error.reason
+        self.tell(RefusedNotice(type(exchange.packet).__name__, reason, cause.value), program.session_id)
 
     def stop_stalled(self, servo_id: int, reason: str) -> None:
         """Stop all servos, as the guard found one stalled; without a connection, as soon as there is one."""

@@ -16,8 +16,9 @@ from servolink.client import connect
 from servolink.errors import MotionRefused, Reason
 from servolink.hub.engine import forecast_gate
 from servolink.hub.rules.tried import HubVerdict, TwinVerdict, Uncertain
+from servolink.motion import Ticket
 from servolink.project import Project
-from servolink.protocol import Action, Macro, MacroCommand, Step
+from servolink.protocol import Action, Macro, MacroCommand, Packet, Step
 from servolink.twin import check_move, check_record
 from tests.hub.control_program import RpcFailed, RpcProgram, Shared, shared
 from tests.hub.door_hub import sharing
@@ -46,7 +47,7 @@ class LocalTwin:
         self, project: Project, record: Action | Macro, pose: Mapping[int, float]
     ) -> AsyncGenerator[TwinVerdict | bool, None]:
         self.records += 1
-        for piece in check_record(FIGURE, project, record, pose):
+        for piece in [self.says] if self.says else check_record(FIGURE, project, record, pose):
             yield piece
 
     async def close(self) -> None:
@@ -227,6 +228,33 @@ def test_a_client_of_the_hub_gets_the_refusal_of_a_frame_as_an_error(monkeypatch
             await page.call("question.answer", number=asked["number"], is_yes=True)
             await page.until("question.over")
             await board.move({FALLS: 60}, duration=1.0)
+            await board.stop()
+
+    asyncio.run(main())
+
+
+def test_a_client_gets_the_reason_why_a_macro_that_was_uncertain_is_refused_when_it_is_sent() -> None:
+    async def main() -> None:
+        async with (
+            forecast("pass") as (here, twin, _, _),
+            sharing(here.hub, here.interface.open_channel) as url,
+            connect(url) as board,
+        ):
+            twin.says = HubVerdict("uncertain", "nobody knows")
+
+            await board.run_macro(2)
+
+            async def know(packet: Packet, ticket: Ticket) -> None:
+                """Be the trial that ends between the check of the client and the sending."""
+                if packet.is_motion:
+                    twin.says = HubVerdict("falls", "the robot falls after 1.0 s")
+                    assert here.hub.forecast is not None
+                    here.hub.forecast.forget(records=True)
+
+            board.connection.preparations += (know,)
+            with pytest.raises(MotionRefused, match="on the twin: the robot falls after 1") as refused:
+                await board.run_macro(2)
+            assert refused.value.reason is Reason.FORECAST
             await board.stop()
 
     asyncio.run(main())

@@ -14,6 +14,7 @@ from servolink.protocol import (
     ExecuteMacroRequest,
     ExecuteMacroResponse,
     Macro,
+    Packet,
     SetServoParameterRequest,
     SetServoParameterResponse,
 )
@@ -34,6 +35,9 @@ class LateHub:
             self._board.connection.stops.stop()
         elif not self._tells:
             raise RequestTimeout("the hub does not answer")
+
+    def refusal_of(self, packet: Packet) -> None:
+        """Nothing was refused for another reason."""
 
     async def close(self) -> None:
         """Nothing is open."""
