@@ -7,6 +7,7 @@ from servolink.boards.announcements import candidates as announced_boards
 from servolink.boards.hubs import HubClaim, hub_of
 from servolink.boards.hubs import candidates as running_hubs
 from servolink.boards.names import Alias, Aliases, Resolved, resolve_board, resolve_url
+from servolink.boards.normals import BoardNormals, ServoNormal
 from servolink.boards.profile import (
     BoardIdentityRecord,
     BoardProfile,
@@ -54,6 +55,7 @@ __all__ = [
     "hub_of",
     # profiles
     "BoardIdentityRecord",
+    "BoardNormals",
     "BoardProfile",
     "BoardSettings",
     "Confidence",
@@ -62,6 +64,7 @@ __all__ = [
     "ProfileFile",
     "ProfileInUse",
     "SafetyLimits",
+    "ServoNormal",
     "TextError",
     "format_profile",
     "parse_profile",
