@@ -37,8 +37,10 @@ class ServoNormal(Struct, frozen=True, forbid_unknown_fields=True):
     @classmethod
     def of(cls, *readings: Iterable[int], seconds: float, learnt_at: datetime) -> ServoNormal:
         """Return the normal of `readings` (moving, resting, lags), of which at most 100 of each kind are kept."""
-        kept = (values[:: max(1, math.ceil(len(values) / _MOST_KEPT))] for values in map(tuple, readings))
-        return cls(*kept, seconds=seconds, learnt_at=learnt_at)
+        moving, resting, lags = (
+            values[:: max(1, math.ceil(len(values) / _MOST_KEPT))] for values in map(tuple, readings)
+        )
+        return cls(moving, resting, lags, seconds, learnt_at)
 
     @staticmethod
     def most(values: Iterable[int]) -> int | None:

@@ -239,6 +239,13 @@ class SafetyLimits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         int | None,
         FieldHelp("raw temperature of a servo before which the guard of a hub warns", "a whole number"),
     ] = None
+    ease_off: Annotated[
+        tuple[_ServoId, ...] | None,
+        FieldHelp(
+            "servos that the guard turns back by up to 2 degrees after a stall, such as [3]",
+            "a list of servo ids, 0..254",
+        ),
+    ] = None
     angles: Annotated[
         dict[ServoKey, AnglesOfServo],
         FieldHelp("lowest and highest angle of a servo in degrees, by servo id, such as 3 = [20, 160]", "a table"),

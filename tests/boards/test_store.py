@@ -57,6 +57,9 @@ FULL = BoardProfile(
         speed_cap=120,
         speed_caps={3: 90},
         soft_start=60,
+        guard=False,
+        temperature=620,
+        ease_off=(3, 4),
     ),
     evidence={
         "depth": Evidence("likely", 'four of four "queries"\n\u202e', datetime(2026, 1, 31, 12, tzinfo=UTC)),

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import asyncio
 from collections.abc import Iterator
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Any
 
 from msgspec import Struct
 from msgspec.structs import asdict, astuple
 
-from servolink.boards import Aliases, BoardIdentityRecord, BoardProfile, ProfileFile, SafetyLimits
+from servolink.boards import Aliases, BoardIdentityRecord, BoardNormals, BoardProfile, ProfileFile, SafetyLimits
 from servolink.cli.command import STORED, Command, flag, option
 from servolink.cli.command_session import Interruption, agreed, interruptible, refuse_unasked
 from servolink.cli.screen.output import Table
@@ -47,6 +47,17 @@ class KnownSetting(Struct, frozen=True):
     learnt_at: datetime | None = None
 
 
+class KnownNormal(Struct, frozen=True):
+    """What is normal for a servo: values that nine of ten readings do not exceed, null without readings."""
+
+    moving_current_raw: int | None
+    resting_current_raw: int | None
+    lag_degrees: int | None
+    seconds: float
+    learnt_at: datetime
+    is_trusted: bool
+
+
 class BoardKnown(CommandResult, frozen=True):
     """JSON of `board show` and `board set`; `path` is the file of the profile."""
 
@@ -56,6 +67,7 @@ class BoardKnown(CommandResult, frozen=True):
     identity: BoardIdentityRecord | None
     settings: dict[str, KnownSetting]
     limits: SafetyLimits
+    normals: dict[int, KnownNormal]
 
 
 class BoardForgotten(CommandResult, frozen=True):
@@ -127,9 +139,11 @@ def board_known(args: argparse.Namespace) -> Returned:
     text: list[Part] = [Table((), rows + list(_identity_rows(known)), title=name)]
     for title, part in ("settings", _setting_rows), ("limits", _limit_table):
         text += ["", Table((), list(part(known)), title=title)]
+    normals = _normals(name)
+    text += ["", Table((), list(_guard_rows(known.limits, normals)), title="guard")]
     if None in asdict(known.settings).values():
         text += ["", f"what is unknown can be learnt: servolink doctor {name} --learn"]
-    return Returned(BoardKnown(name, url, path, known.identity, why, known.limits), text)
+    return Returned(BoardKnown(name, url, path, known.identity, why, known.limits, normals), text)
 
 
 BOARD_SHOW = Command(
@@ -181,6 +195,42 @@ def limit_rows(limits: SafetyLimits) -> Iterator[tuple[str, str]]:
         yield f"servo {servo_id}", _limits_text(limits.angles.get(servo_id), limits.speed_caps.get(servo_id))
 
 
+def _normals(name: str) -> dict[int, KnownNormal]:
+    """Return what the guard of a hub has learnt of the servos of a board."""
+    kept, now = BoardNormals.load(name), datetime.now(UTC)
+    return {
+        servo_id: KnownNormal(
+            each.most(each.moving),
+            each.most(each.resting),
+            each.most(each.lags),
+            each.seconds,
+            each.learnt_at,
+            abs(now - each.learnt_at) <= BoardNormals.OLDEST,
+        )
+        for servo_id, each in sorted(kept.servos.items() if kept else ())
+    }
+
+
+def _guard_rows(limits: SafetyLimits, normals: dict[int, KnownNormal]) -> Iterator[tuple[str, str]]:
+    """Yield the settings of the guard, and what is normal for each servo, with its age."""
+    guards = {None: "in the studio, and with share --guard", True: "in every hub", False: "in no hub"}
+    yield "stops stalls", guards[limits.guard]
+    if limits.temperature is not None:
+        yield "warns before", f"temperature_raw {limits.temperature}"
+    if limits.ease_off:
+        yield "eases off", ", ".join(f"servo {servo_id}" for servo_id in limits.ease_off)
+    for servo_id, each in normals.items():
+        values = {
+            "moving": each.moving_current_raw,
+            "resting": each.resting_current_raw,
+            "degrees behind": each.lag_degrees,
+        }
+        shown = ", ".join(f"{what} {value}" for what, value in values.items() if value is not None)
+        days = (datetime.now(UTC) - each.learnt_at).days
+        age = "today" if days < 1 else f"{days} days ago" + ("" if each.is_trusted else ", too old to count")
+        yield f"servo {servo_id}", f"normally at most: {shown}; learnt over {each.seconds:.0f} s, {age}"
+
+
 def _limits_text(pair: tuple[float, float] | None, cap: float | None) -> str:
     angles = [] if pair is None else [f"{pair[0]:g}..{pair[1]:g} degrees"]
     return ", ".join(angles + ([] if cap is None else [f"at most {cap:g} degrees/s"]))
@@ -209,6 +259,7 @@ async def run_forget(args: argparse.Namespace, interruption: Interruption) -> En
     if not await agreed(args, interruption, f"{question}. Forget it?"):
         return ExitCode.FAILED
     await asyncio.to_thread(ProfileFile(name).remove)
+    BoardNormals.forget(name)
     return Returned(BoardForgotten(name), f"what was known of {name} is forgotten; it keeps its name")
 
 

@@ -6,11 +6,21 @@ Modules: servolink.cli.boards.board_settings, servolink.cli.boards.set.
 from __future__ import annotations
 
 import sys
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 
-from servolink.boards import BoardIdentityRecord, BoardProfile, BoardSettings, Evidence, ProfileFile, SafetyLimits
+from servolink.boards import (
+    BoardIdentityRecord,
+    BoardNormals,
+    BoardProfile,
+    BoardSettings,
+    Evidence,
+    ProfileFile,
+    SafetyLimits,
+    ServoNormal,
+)
 from servolink.protocol import ServoParameter
 from servolink.virtual import BoardKind, VirtualBoard
 from tests.cli.programs import Said, call, in_terminal
@@ -175,6 +185,38 @@ def test_everything_known_is_shown_with_its_reason(say: type) -> None:
     assert "write depth        unknown; guess: nothing was asked" in lines
     assert "none  `servolink board set` sets them" in lines
     assert lines[-1] == "what is unknown can be learnt: servolink doctor rex --learn"
+
+
+def test_settings_and_normals_of_the_guard_are_shown_with_their_age_and_forgotten(
+    say: type, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert "\nguard\nstops stalls  in the studio, and with share --guard\n" in say("board show rex").out
+    limits = SafetyLimits(guard=True, temperature=620, ease_off=(2, 3))
+    ProfileFile("rex").save(BoardProfile(limits=limits))
+    now = datetime.now(UTC)
+    fresh = ServoNormal.of(range(100), range(50), [3], seconds=75.2, learnt_at=now - timedelta(hours=2))
+    old = ServoNormal.of([1], [], [], seconds=9.0, learnt_at=now - timedelta(days=40))
+    BoardNormals(BoardIdentityRecord(), {11: old, 2: fresh}).save("rex")
+    assert say("board show rex").out.split("guard\n")[1].splitlines()[:5] == [
+        "stops stalls  in every hub",
+        "warns before  temperature_raw 620",
+        "eases off     servo 2, servo 3",
+        "servo 2       normally at most: moving 90, resting 45, degrees behind 3; learnt over 75 s, today",
+        "servo 11      normally at most: moving 1; learnt over 9 s, 40 days ago, too old to count",
+    ]
+    described = say("board show rex --json").json["normals"]
+    assert described["2"] == {
+        "moving_current_raw": 90,
+        "resting_current_raw": 45,
+        "lag_degrees": 3,
+        "seconds": 75.2,
+        "learnt_at": described["2"]["learnt_at"],
+        "is_trusted": True,
+    }
+    assert (described["11"]["resting_current_raw"], described["11"]["is_trusted"]) == (None, False)
+    assert say("board forget rex --yes").code == 0
+    assert BoardNormals.load("rex") is None
 
 
 def test_a_board_of_which_nothing_is_known_is_shown_too(say: type) -> None:
