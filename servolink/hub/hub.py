@@ -17,7 +17,6 @@ from servolink.control import (
     HoldStatus,
     HubStatus,
     LeaseStatus,
-    ProblemNotice,
     ProgramNotice,
     RefusedNotice,
     Role,
@@ -371,10 +370,13 @@ class Hub:
         cause = Reason.OTHER if exchange.error is None else exchange.error.reason
         self.tell(RefusedNotice(type(exchange.packet).__name__, reason, cause.value), program.session_id)
 
-    def stop_stalled(self, servo_id: int, reason: str) -> None:
-        """Stop all servos, as the guard found one stalled; without a connection, as soon as there is one."""
-        self._stopping.begin_unwatched("the guard", MotionsCancelled(are_all=True, reason=reason, stalled=servo_id))
-        self.tell(ProblemNotice(f"the guard stops the board: {reason}"))
+    def stop_stalled(self, servo_id: int, reason: str) -> asyncio.Task[Ticket | None]:
+        """Stop all servos, as the guard found one stalled; without a connection, as soon as there is one.
+
+        The task returns a ticket as that of `Stops.begin_unwatched` does.
+        """
+        cancels = MotionsCancelled(are_all=True, reason=reason, stalled=servo_id)
+        return self._stopping.begin_unwatched("the guard", cancels)
 
     def name_of(self, session_id: str) -> str:
         """Return the name of a program for people."""

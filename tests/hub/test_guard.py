@@ -6,9 +6,11 @@ Module: servolink.hub.rules.guard.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from datetime import UTC, datetime, timedelta
 from random import Random
 
 import pytest
+from msgspec.structs import replace
 
 from servolink.client import Servo
 from servolink.hub.rules.guard import Guard, Stall
@@ -64,6 +66,41 @@ def test_a_stall_is_found_in_time(hz: float, most: float) -> None:
     assert stall.normal is not None
     assert 100 <= stall.normal <= 140
     assert str(stall).startswith("servo 1 is stalled: for 0.")
+
+
+def test_a_servo_is_eased_off_by_two_degrees_against_its_push_and_not_past_where_it_came_from() -> None:
+    [(_, stall)] = Robot().learn().move(60, most=20)
+    assert stall.reached is not None
+    assert 0 < stall.reached < 18
+    assert [stall.eased(angle) for angle in (20, 21, 18, 22, 23, 17)] == [18, 19, 16, 20, None, None]
+    near = replace(stall, reached=19)
+    assert [near.eased(angle) for angle in (21, 20, 19, 18)] == [19, 19, None, None]
+    back = replace(stall, angle=-20, reached=-3)
+    assert [back.eased(angle) for angle in (-20, -21, -23)] == [-18, -19, None]
+    assert replace(stall, reached=None).eased(20) is None
+
+
+def test_a_servo_that_is_stuck_where_it_has_arrived_has_no_way_back() -> None:
+    robot = Robot().learn()
+    assert not list(robot.move(-40))
+    [(_, stall)] = robot.move(60, most=-40)
+    assert stall.reached is None, "it came from above, and presses upward now"
+
+
+def test_what_is_normal_is_taken_over_with_its_age() -> None:
+    learnt, at = Robot().learn(), datetime(2026, 1, 31, tzinfo=UTC)
+    kept = learnt.guard.kept(learnt.now, at)
+    assert 3 < kept[1].seconds < 15
+    assert timedelta() <= at - kept[1].learnt_at < timedelta(seconds=2)
+    robot = Robot()
+    robot.guard.recall(kept, robot.now, at + timedelta(days=2))
+    again = robot.guard.kept(robot.now, at + timedelta(days=2))
+    assert again[1].learnt_at == kept[1].learnt_at, "nothing was learnt since"
+    assert again[1].moving == kept[1].moving
+    assert robot.guard.learnt == 0
+    [(seconds, stall)] = robot.move(60, most=20)
+    assert seconds < 1.0
+    assert stall.normal is not None
 
 
 @pytest.mark.parametrize("scaled", [lambda current: 2048 + 3 * current, lambda current: current // 10 - 50])

@@ -8,10 +8,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
-from servolink.boards import BoardProfile, SafetyLimits
+from servolink.boards import BoardNormals, BoardProfile, SafetyLimits
 from servolink.client import connect
 from servolink.hub import share
 from servolink.protocol import Action, Macro, MacroCommand, Step
@@ -24,9 +27,9 @@ from tests.virtual_time import run
 
 
 @asynccontextmanager
-async def guarded() -> AsyncIterator[tuple[Shared, RpcProgram]]:
+async def guarded(profile: BoardProfile | None = None) -> AsyncIterator[tuple[Shared, RpcProgram]]:
     """Share a board with a guard, and a program; servo 1 has moved enough for its normal."""
-    async with shared() as here, here.program("page") as page:
+    async with shared(profile=profile) as here, here.program("page") as page:
         here.interface.begin_guard(otherwise=True)
         for target in (30, -30, 30, 0):
             await page.call("move", targets={"1": target}, duration=1.0, wait=True)
@@ -75,6 +78,54 @@ def test_a_program_that_waits_gets_a_typed_error() -> None:
             with pytest.raises(RpcFailed, match="ended by the guard: servo 1 is stalled") as failed:
                 await page.call("move", targets={"1": 60}, duration=1.0, wait=True)
             assert (failed.value.kind, failed.value.code) == ("ServoStalled", 308)
+
+    run(main())
+
+
+def test_what_is_normal_outlives_the_hub_unless_it_is_old_or_the_board_is_another_one(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+
+    async def learn() -> None:
+        async with guarded():
+            await asyncio.sleep(5)
+
+    async def says(servos: int = 3) -> str:
+        """Return what the guard of a new hub says of its first motion, which stalls."""
+        async with shared(servos) as here, here.program("page") as page:
+            here.interface.begin_guard(otherwise=True)
+            await asyncio.sleep(1)
+            block(here, 1, 20.0)
+            await page.call("move", targets={"1": 60}, duration=3.0)
+            return str((await page.until("problem"))["text"])
+
+    assert "its normal current is not known" in run(says())
+    run(learn())
+    kept = BoardNormals.load("rex")
+    assert kept is not None
+    assert kept.servos[1].seconds > 3
+    assert abs(datetime.now(UTC) - kept.servos[1].learnt_at) < timedelta(minutes=1)
+    assert "draws 900, normally at most 1" in run(says())
+    kept = BoardNormals.load("rex")
+    assert kept is not None
+    assert "its normal current is not known" in run(says(servos=4))
+    old = {
+        each: replace(normal, learnt_at=normal.learnt_at - timedelta(days=31)) for each, normal in kept.servos.items()
+    }
+    BoardNormals(kept.identity, old).save("rex")
+    assert "its normal current is not known" in run(says())
+
+
+def test_what_is_normal_is_kept_every_five_minutes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+
+    async def main() -> None:
+        async with guarded():
+            await asyncio.sleep(10)
+            assert BoardNormals.load("rex") is None
+            await asyncio.sleep(300)
+            assert BoardNormals.load("rex") is not None
 
     run(main())
 
@@ -147,10 +198,11 @@ async def test_a_board_that_is_lost_amid_a_stall_is_stopped_when_it_is_back(monk
         await page.call("move", targets={"1": 60}, duration=60.0)
         socket.pull()
         assert (await page.until("connection"))["state"] == "lost"
-        hub.stop_stalled(1, "servo 1 is stalled")
-        assert "as soon as it is connected again" in (await page.until("problem", 2))["text"]
+        stopping = hub.stop_stalled(1, "servo 1 is stalled")
+        assert "as soon as it is connected again" in (await page.until("problem"))["text"]
         socket.plug(virtual)
         await until(lambda: not virtual.servos[1].is_start)
+        assert await stopping is None, "and nothing is eased off on it"
 
 
 def test_neither_a_stop_nor_another_holder_of_the_lease_confuses_the_guard() -> None:

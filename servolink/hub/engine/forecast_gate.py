@@ -83,11 +83,12 @@ class ForecastGate:
             found = HubVerdict("uncertain", str(error))
         session, motion = exchange.program.session_id, _motion(exchange)
         is_uncertain = found.verdict == "uncertain"
-        may_pass = found.verdict == "stands" or (is_uncertain and self._uncertain == "pass")
+        must_stand = exchange.order is not None and exchange.order.must_stand
+        may_pass = found.verdict == "stands" or (is_uncertain and self._uncertain == "pass" and not must_stand)
         if may_pass or self._tried.is_permitted(session, motion, self._now(), is_sent=is_sent):
             return None
         text = f"nothing was moved: {'the forecast is uncertain' if is_uncertain else 'on the twin'}: {found.text}"
-        if self._uncertain == "ask" and exchange.points is None:
+        if self._uncertain == "ask" and exchange.points is None and not must_stand:
             self._tasks.begin(self._ask(session, motion, exchange, found.text))
             text += _ASKED if self._questions.shown_by else _UNASKED
         return ForecastRefused(text)

@@ -28,7 +28,7 @@ from servolink.hub.engine.program import Program
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.engine.upstream import RequestFollower, Upstream
 from servolink.hub.rules.exchanges import Exchange
-from servolink.motion import STOPPED, StopCounter
+from servolink.motion import STOPPED, StopCounter, Ticket
 from servolink.protocol import (
     ALL_SERVOS,
     QueryServoRequest,
@@ -123,13 +123,14 @@ class Stops:
         stopping.add_done_callback(lambda task: self._over(ALL_SERVOS, _outcome_of(task), begun, who))
         return stopping
 
-    def begin_unwatched(self, who: str, cancels: MotionsCancelled = ALL_CANCELLED) -> None:
+    def begin_unwatched(self, who: str, cancels: MotionsCancelled = ALL_CANCELLED) -> asyncio.Task[Ticket | None]:
         """Stop all servos without a watching program; without a connection, as soon as the board is connected again.
 
-        Programs hear `cancels`.
+        Programs hear `cancels`. The task returns a ticket issued at the stop, or None after a loss of the connection, a
+        failure or another stop.
         """
         self._drop_motions("", cancels)  # now: a motion in between would take the lease again
-        self._tasks.begin(self._stop_unwatched(who, cancels))
+        return self._tasks.begin(self._stop_unwatched(who, cancels, self._stops.ticket()))
 
     async def end_move(self, program: Program, servo_ids: Sequence[int]) -> None:
         """Stop servos where they are, and start them again; see `Hub.end_move`."""
@@ -149,20 +150,26 @@ class Stops:
             packet = SetServoParameterRequest(servo_id, 1, 1)
             await self._upstream.begin(Exchange(program, packet, ticket, asked_at=self._now()))
 
-    async def _stop_unwatched(self, who: str, cancels: MotionsCancelled) -> None:
+    async def _stop_unwatched(self, who: str, cancels: MotionsCancelled, begun: Ticket) -> Ticket | None:
         async for state in self._board.states():
             if state == "closed":
-                return
+                break
             if state == "lost":
+                begun = begun.expired()
                 self._tell(ProblemNotice(f"{who}: the board is stopped as soon as it is connected again"), "")
                 continue
+            is_only = self._stops.holds(begun)  # no stop of another program, and no earlier try
+            stopping = self.begin(who, cancels=cancels)
+            ticket = self._stops.ticket()
             try:
-                await Tasks.shared_result(self.begin(who, cancels=cancels))
+                await Tasks.shared_result(stopping)
             except ConnectionLost:
                 continue
             except ServolinkError as error:
                 self._tell(ProblemNotice(str(error)), "")
-            return
+                break
+            return ticket if is_only else None
+        return None
 
     def _all_stop(self, session_id: str, cancels: MotionsCancelled = ALL_CANCELLED) -> None:
         """Count all servos as stopped, until somebody starts one."""

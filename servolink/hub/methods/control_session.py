@@ -50,7 +50,7 @@ class ControlInterface:
         profile = self._hub.board.profile
         limits = SafetyLimits() if profile is None else profile.profile.limits
         if otherwise if limits.guard is None else limits.guard:
-            self._guarding = Guarding(self._hub, self._readings.board, limits.temperature)
+            self._guarding = Guarding(self._hub, self._readings.board, limits)
 
     def open_channel(
         self, hub: Hub, greeting: Greeting, session: str, send: Callable[[bytes], None], abort: Callable[[str], None]

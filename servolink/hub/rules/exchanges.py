@@ -89,6 +89,8 @@ class MoveOrder(Struct, frozen=True):
     """Planner with the limits of board and program."""
     start: bool = False
     """Whether to start and hold servos first that are stopped or released."""
+    must_stand: bool = False
+    """Whether a forecast must be certain that the robot stands; no person is asked."""
 
 
 class Exchange(Struct, eq=False):

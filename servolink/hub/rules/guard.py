@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from datetime import datetime, timedelta
 from statistics import linear_regression, median
 
 from msgspec import Struct
 
+from servolink.boards import ServoNormal
 from servolink.client import Alarm, AlarmWatch, Lasting, Servo
 from servolink.motion import ServoWay
 
@@ -31,6 +33,8 @@ STALLED_BY_LAG = 1.0
 """Seconds for which a servo must be suspect whose normal current is unknown, or says nothing."""
 LEAST_LAG = 5
 """Degrees behind the course that never count as far, whatever a servo's normal is."""
+EASED = 2
+"""Most degrees by which a stalled servo is eased off."""
 AHEAD = 60.0
 """Seconds by which a rising temperature is extrapolated."""
 
@@ -39,6 +43,7 @@ _STILL = 2  # degrees by which the readings of a servo that stands still differ
 _PUSHED_BACK = 4  # degrees by which what stops a servo pushes it back before both stand still
 _FEWEST_SUSPECT = 3  # readings: two may be of one stall of the line
 _FEWEST, _MOST = 20, 500  # readings for a normal
+_LONGEST_PAUSE = 1.5  # seconds between two readings, beyond which nothing was learnt meanwhile
 _LONGEST_TREND, _SHORTEST_TREND = 60.0, 20.0  # seconds of temperatures
 _TREND_LASTS = 3.0  # seconds for which a forecast must hold: one reading may be wrong
 
@@ -46,8 +51,10 @@ _TREND_LASTS = 3.0  # seconds for which a forecast must hold: one reading may be
 class Normal(Struct):
     """Currents and lags of a servo while nothing was suspect, learnt on the go; raw units, and degrees."""
 
-    began: float
-    """Time of the first reading."""
+    seconds: float
+    """Seconds of learning."""
+    latest: float
+    """Time of the latest reading."""
     moving: deque[int]
     resting: deque[int]
     lags: deque[int]
@@ -56,7 +63,12 @@ class Normal(Struct):
     @classmethod
     def new(cls, now: float) -> Normal:
         """Return the normal of a servo without readings."""
-        return cls(now, *(deque[int](maxlen=_MOST) for _ in range(3)))
+        return cls.made(0.0, now, (), (), ())
+
+    @classmethod
+    def made(cls, seconds: float, latest: float, *readings: Iterable[int]) -> Normal:
+        """Return the normal of readings (moving, resting, lags)."""
+        return cls(seconds, latest, *(deque(each, _MOST) for each in readings))
 
     @property
     def is_known(self) -> bool:
@@ -66,13 +78,14 @@ class Normal(Struct):
     @property
     def most_current(self) -> tuple[int, bool]:
         """The current below which nine of ten readings are, and whether it is the highest that the servo shows."""
-        level = max(_quantile(each, 0.9) for each in (self.moving, self.resting) if each)
+        level = max(most for each in (self.moving, self.resting) if (most := ServoNormal.most(each)) is not None)
         return level, level >= max(self.moving)
 
     @property
     def most_lag(self) -> float:
         """The lag in degrees beyond which a servo is far behind its course."""
-        return max(LEAST_LAG, 1.5 * _quantile(self.lags, 0.9) + 2) if len(self.lags) >= _FEWEST else LEAST_LAG
+        most = ServoNormal.most(self.lags) if len(self.lags) >= _FEWEST else None
+        return LEAST_LAG if most is None else max(LEAST_LAG, 1.5 * most + 2)
 
 
 class Stall(Struct, frozen=True):
@@ -89,7 +102,15 @@ class Stall(Struct, frozen=True):
     normal: int | None
     """Current below which nine of ten of its readings are; None if the lag alone says that it is stalled."""
     learnt: float
-    """Seconds since the first reading of the normal."""
+    """Seconds in which the normal was learnt."""
+    reached: int | None = None
+    """Angle of the servo before its latest turn; None for an unknown one, and for one in the direction of the push."""
+
+    def eased(self, angle: int) -> int | None:
+        """Return the angle to ease the servo off to from `angle`; None if it has moved, or without a way back."""
+        if self.reached is None or abs(angle - self.angle) > EASED or (way := self.reached - angle) == 0:
+            return None
+        return angle + min(max(way, -EASED), EASED) if (way > 0) == (self.reached > self.angle) else None
 
     def __str__(self) -> str:
         """Return servo and numbers, such as `servo 3 is stalled: it stands at 41 degrees, ...`."""
@@ -123,7 +144,30 @@ class Guard:
         self._stalling = Lasting[int]()
         self._suspects: dict[int, _Suspect] = {}
         self._stands: dict[int, int] = {}  # where each servo has stood still, or moved last
+        self._reached: dict[int, int] = {}  # the reading of each servo before it moved there
         self._normals: dict[int, Normal] = {}
+        self.learnt = 0
+        """Number of learnt readings."""
+
+    def recall(self, kept: Mapping[int, ServoNormal], now: float, at: datetime) -> None:
+        """Take over the normals of earlier runs; the time `now` is the moment `at`."""
+        for servo_id, each in kept.items():
+            latest = now - max(0.0, (at - each.learnt_at).total_seconds())
+            self._normals[servo_id] = Normal.made(each.seconds, latest, each.moving, each.resting, each.lags)
+
+    def kept(self, now: float, at: datetime) -> dict[int, ServoNormal]:
+        """Return the normals for later runs; the time `now` is the moment `at`."""
+        return {
+            servo_id: ServoNormal.of(
+                each.moving,
+                each.resting,
+                each.lags,
+                seconds=each.seconds,
+                learnt_at=at - timedelta(seconds=now - each.latest),
+            )
+            for servo_id, each in self._normals.items()
+            if each.moving or each.resting
+        }
 
     def normal(self, servo_id: int) -> Normal | None:
         """Return the normal of a servo; None before its first reading."""
@@ -148,10 +192,11 @@ class Guard:
     def _look(self, servo: Servo, way: ServoWay | None, now: float) -> Stall | None:
         """Take the reading of a servo, and learn from it if nothing is suspect."""
         servo_id, angle = servo.servo_id, int(servo.angle)
-        normal = self._normals.setdefault(servo_id, Normal.new(now))
+        if (normal := self._normals.get(servo_id)) is None:
+            normal = self._normals[servo_id] = Normal.new(now)
         is_still = abs(angle - self._stands.setdefault(servo_id, angle)) <= _STILL
         if not is_still:
-            self._stands[servo_id] = angle
+            self._reached[servo_id], self._stands[servo_id] = self._stands[servo_id], angle
         is_commanded = way is not None and way.began <= now <= way.began + way.seconds + AFTERWARDS
         lag = 0 if way is None else _lag(way, angle, now)
         if (suspect := self._suspects.get(servo_id)) is not None:
@@ -176,8 +221,10 @@ class Guard:
         seconds = STALLED_BY_LAG if level is None else STALLED
         if now - suspect.since < seconds or not self._stalling.is_raised(servo_id, now, holds=draws_more, seconds=0):
             return None
-        learnt = now - normal.began
-        return Stall(servo_id, angle, way.target, lag, now - suspect.since, current, level, learnt)
+        reached = self._reached.get(servo_id)
+        if reached is not None and (angle - reached) * suspect.sign <= 0:
+            reached = None
+        return Stall(servo_id, angle, way.target, lag, now - suspect.since, current, level, normal.seconds, reached)
 
     def _learn(self, normal: Normal, servo: Servo, way: ServoWay | None, now: float, *, is_still: bool) -> None:
         """Add the reading of a servo that is not suspect to its normal."""
@@ -189,6 +236,11 @@ class Guard:
         elif over > AFTERWARDS and servo.is_start:
             normal.resting.append(servo.current)
             normal.lags.append(abs(way.target - int(servo.angle)))
+        else:
+            return
+        normal.seconds += min(now - normal.latest, _LONGEST_PAUSE)
+        normal.latest = now
+        self.learnt += 1
 
     def _heat(self, hot: Alarm, servo: Servo, now: float) -> str:
         """Return a text about a temperature that rises too high; empty for none, or if it was told."""
@@ -211,8 +263,3 @@ def _lag(way: ServoWay, angle: int, now: float) -> int:
     """Return by how many degrees a servo is away from its course, which is allowed to be a little late."""
     low, high = sorted((way.at(max(way.began, now - _LATE)), way.at(now)))
     return max(round(low - angle), round(angle - high), 0)
-
-
-def _quantile(values: Iterable[int], share: float) -> int:
-    ordered = sorted(values)
-    return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
