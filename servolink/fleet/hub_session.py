@@ -8,10 +8,12 @@ from collections.abc import Awaitable, Callable
 import msgspec
 from msgspec import Raw
 
-from servolink.control import ErrorObject, Greeting, Reply, RpcChannel, open_channel
+from servolink.control import ErrorObject, Greeting, ProblemNotice, Reply, RpcChannel, open_channel
 from servolink.errors import ConnectionLost, OpenError, ServolinkError
-from servolink.fleet.policy import BoardPolicy
+from servolink.fleet.policy import FILE, BoardPolicy
 from servolink.support import Pauses, Reconnecting
+
+_UNTIL = "until its hub is begun with `servolink share --forecast FIGURE`"
 
 
 class HubSession:
@@ -72,7 +74,13 @@ class HubSession:
 
     async def _open(self) -> RpcChannel:
         policy = self._policy
-        channel, _ = await open_channel(self.name, self._greeting)
+        channel, welcome = await open_channel(self.name, self._greeting)
+        if policy.forecast and policy.allow != "watch" and not welcome.has_forecast:
+            await channel.close()
+            # Fewer rights in place of an error: a stop from afar must get through.
+            channel, _ = await open_channel(self.name, msgspec.structs.replace(self._greeting, role="watch"))
+            problem = ProblemNotice(f"{FILE} asks for a forecast: others may only watch and stop {self.name} {_UNTIL}")
+            self.on_notification("problem", Raw(msgspec.json.encode(problem)))
         channel.on_notification = self.on_notification
         try:
             await self._begin(channel, policy)

@@ -25,6 +25,7 @@ class _PolicyTable(Struct, forbid_unknown_fields=True):
     allow: RoleName | UnsetType = UNSET
     max_speed: Annotated[float, Meta(gt=0)] | UnsetType = UNSET
     angles: dict[str, tuple[float, float]] | UnsetType = UNSET
+    forecast: bool | UnsetType = UNSET
 
 
 class _File(Struct, forbid_unknown_fields=True):
@@ -42,6 +43,8 @@ class BoardPolicy(Struct, frozen=True):
     """Degrees per second; None for the limits of the board alone."""
     angles: dict[str, tuple[float, float]] = {}
     """Lowest and highest angle in degrees, by servo id or `all`."""
+    forecast: bool = False
+    """Whether only a hub that tries motions on a twin may be given any."""
 
     def tightening(self) -> dict[str, Any] | None:
         """Return the params of the method `limits.tighten`, None if there is nothing to limit."""

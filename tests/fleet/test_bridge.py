@@ -9,9 +9,10 @@ import asyncio
 import itertools
 import json
 import socket
+from collections.abc import AsyncGenerator
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import pytest
@@ -214,6 +215,47 @@ def test_a_policy_file_that_changes_is_followed(broker: Broker, user: Path, monk
             path.write_text('[default]\nallow = "edit"\n', encoding="utf-8")
             await far.state(lambda state: state["allow"] == "edit")
             assert (await moved())["ok"]
+
+    run(main())
+
+
+class Verdict(NamedTuple):
+    verdict: str
+    text: str
+
+
+class Twin:
+    """A twin that says what it is told to say."""
+
+    says = Verdict("stands", "")
+
+    async def check_move(self, pose: object, targets: object, seconds: float) -> Verdict:
+        return self.says
+
+    async def check_record(self, project: object, record: object, pose: object) -> AsyncGenerator[Verdict, None]:
+        yield self.says
+
+    async def close(self) -> None:
+        """Nothing is open."""
+
+
+def test_a_policy_that_asks_for_a_forecast_lets_nobody_move_a_board_whose_hub_has_none(broker: Broker) -> None:
+    async def main() -> None:
+        twin, move = Twin(), {"targets": {"1": 40}, "duration": 0.01, "wait": True}
+        async with serve_board("virtual://?servos=2", name="rex") as (hub, _), far_away(broker) as far:
+            async with joined(broker, BoardPolicy("edit", forecast=True)):
+                error = await far.failure("move", params=move)
+                assert "this program has the role watch" in error["message"]
+                [problem] = (await far.state(lambda state: bool(state["problems"])))["problems"]
+                assert "fleet.toml asks for a forecast: others may only watch and stop rex until its hub" in problem
+                await far.call("stop")
+            gate = hub.begin_forecast(twin)
+            async with joined(broker, BoardPolicy("edit", forecast=True)):
+                await far.call("move", params={**move, "start": True})
+                twin.says = Verdict("falls", "the robot falls")
+                error = await far.failure("move", params={**move, "targets": {"1": 0}})
+                assert (error["data"]["kind"], error["data"]["reason"]) == ("MotionRefused", "forecast")
+            await gate.close()
 
     run(main())
 

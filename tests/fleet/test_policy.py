@@ -15,6 +15,7 @@ FILE = """
 [default]
 allow = "run"
 max_speed = 90
+forecast = true
 
 [boards.rex]
 allow = "edit"
@@ -35,9 +36,9 @@ def test_a_board_has_the_default_unless_it_says_otherwise(tmp_path: Path) -> Non
     path = tmp_path / "fleet.toml"
     path.write_text(FILE, encoding="utf-8")
     policies = load_fleet_file(path)
-    assert policies.policy_of("fido") == BoardPolicy("run", 90)
+    assert policies.policy_of("fido") == BoardPolicy("run", 90, forecast=True)
     rex = policies.policy_of("rex")
-    assert rex == BoardPolicy("edit", 90, {"3": (-20, 160), "all": (-90.5, 90)})
+    assert rex == BoardPolicy("edit", 90, {"3": (-20, 160), "all": (-90.5, 90)}, forecast=True)
     assert rex.tightening() == {"angles": rex.angles, "speed_cap": 90, "source": "fleet.toml"}
 
 
@@ -48,6 +49,7 @@ def test_a_board_has_the_default_unless_it_says_otherwise(tmp_path: Path) -> Non
         ('[default]\nallow = "fly"', "Invalid enum value 'fly'"),
         ("[default]\nspeed = 1", "unknown field `speed`"),
         ("[default]\nmax_speed = 0", "max_speed"),
+        ('[default]\nforecast = "robot.json"', "forecast"),
         ('[boards."a/b"]', "'a/b' cannot be a name"),
         ("[boards.rex.angles]\nhip = [0, 1]", "boards.rex.angles: 'hip' must be a servo id"),
         ("[boards.rex.angles]\n3 = [1, 0]", "no angle is within 1.0..0.0"),
