@@ -20,9 +20,9 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 79_786,
-    "files": 475,
-    "names that cross rooms": 607,
+    "lines": 80_128,
+    "files": 476,
+    "names that cross rooms": 609,
     "own imports of a file, median": 5,
     "own imports of a file, 90 %": 12,
     "own imports of a file, most": 24,
