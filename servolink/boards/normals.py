@@ -83,8 +83,11 @@ class BoardNormals(Struct, frozen=True, forbid_unknown_fields=True):
 
     @staticmethod
     def forget(name: str) -> None:
-        """Remove the normals kept for the board `name`, if any. Raise OSError if they cannot be removed."""
-        _path(name).unlink(missing_ok=True)
+        """Remove the normals kept for the board `name`, if any. Raise ProfileError if that fails."""
+        try:
+            _path(name).unlink(missing_ok=True)
+        except OSError as error:
+            raise ProfileError(f"what is normal for {name} cannot be removed: {reason(error)}") from error
 
 
 def _path(name: str) -> Path:

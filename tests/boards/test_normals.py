@@ -55,8 +55,10 @@ def test_a_time_without_a_zone_and_an_impossible_name_count_as_none(file: Path) 
         NORMALS.save("../rex")
 
 
-def test_a_file_that_cannot_be_written_is_an_error_with_the_reason(file: Path) -> None:
+def test_a_file_that_cannot_be_written_or_removed_is_an_error_with_the_reason(file: Path) -> None:
     file.mkdir(parents=True)
+    with pytest.raises(ProfileError, match="what is normal for rex cannot be removed: "):
+        BoardNormals.forget("rex")
     with pytest.raises(ProfileError, match="what is normal for rex cannot be kept: Is a directory"):
         NORMALS.save("rex")
 
