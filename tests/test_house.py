@@ -20,7 +20,7 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 80_128,
+    "lines": 80_131,
     "files": 476,
     "names that cross rooms": 609,
     "own imports of a file, median": 5,
