@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -38,9 +39,11 @@ from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from servolink import Project, ServoParameter, save_project
+import servolink.sync
+from servolink import MotionRefused, Project, ServoParameter, save_project
 from servolink.project import Figure, Joint, View
 from tests import processes
+from tests.gateways.lerobot_runs import shared
 
 ARM = Figure(
     version=1,
@@ -258,6 +261,34 @@ def ended_goals(client: Client) -> None:
         assert "stopped" in text
 
 
+def lease_of_another(client: Client) -> None:
+    """Let a goal be refused while another program moves the robot: the joint stays where it was."""
+    client.home()
+    with servolink.sync.connect("share://arm?role=move") as other:
+        client.until(partial(takes_lease, other), "the lease")
+        client.track.clear()
+        status, code, text = client.outcome(client.ask((2.0, 40)))
+        client.during(2.5)
+        print(f"while another program has the lease: {text!r}, the joint turned in {turns_in(client.track)} readings")
+        assert (status, code) == (GoalStatus.STATUS_ABORTED, FollowJointTrajectory.Result.INVALID_GOAL)
+        assert "moved by" in text
+        assert turns_in(client.track) == 0
+
+
+def takes_lease(other: servolink.sync.Board) -> bool:
+    """Return whether another program is let to move a servo."""
+    try:
+        other.move({3: 5}, duration=0.1)
+    except MotionRefused:
+        return False
+    return True
+
+
+def turns_in(track: list[tuple[float, float]]) -> int:
+    """Return how many readings differ from the one before."""
+    return sum(before[1] != after[1] for before, after in pairwise(track))
+
+
 def description(client: Client) -> None:
     """Receive the URDF as a late subscriber."""
     texts: list[str] = []
@@ -274,8 +305,8 @@ def death_of_a_client(client: Client, what: str, how: signal.Signals, lease: flo
     client.home()
     program = processes.start((sys.executable, "-m", __spec__.name, what, str(lease)))
     client.moving()
-    ended = time.time()
     processes.finish(program, how)
+    ended = time.time()
     seconds = client.last_turn(ended)
     client.during(1.0)
     print(f"{how.name} of a {what}, lease {lease:g} s: last turn seen {1000 * seconds:.0f} ms later")
@@ -362,11 +393,12 @@ def served(project: Path) -> Iterator[int]:
     """Serve a virtual board to ROS with a figure, in a project that is written; yield the id of the process."""
     captions = ServoParameter(1, 0, "servo 1"), ServoParameter(2, 0, "servo 2")
     save_project(str(project), Project(servo_parameters=captions), figure=ARM)
-    command = (sys.executable, "-m", "servolink")
-    board = processes.start((*command, "virtual", "--servos", "6", "--tcp", "127.0.0.1:0"))
-    assert board.stdout is not None
-    url = board.stdout.readline().split()[1]
-    door = processes.start((*command, "ros2", "--board", url, "--speed-cap", "200", "--project", str(project)))
+    door = processes.start(
+        (
+            *(sys.executable, "-m", "servolink", "ros2", "--board", "share://arm", "--speed-cap", "200"),
+            *("--project", str(project)),
+        )
+    )
     assert door.stdout is not None
     assert door.stdout.readline() == "ros2 /servolink\n"
     try:
@@ -374,13 +406,17 @@ def served(project: Path) -> Iterator[int]:
     finally:
         out, log = processes.finish(door, signal.SIGTERM)
         print(f"{out}the log of the node has {log.count(chr(10))} lines")
-        processes.finish(board, signal.SIGTERM)
+        assert "Traceback" not in log, log
 
 
 def main() -> None:
     """Measure all, in about five minutes."""
     os.environ |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": "77"}
-    with TemporaryDirectory() as folder, served(Path(folder) / "arm.servolink.json") as door:
+    with (
+        TemporaryDirectory() as folder,
+        shared("virtual://?servos=6", "arm"),
+        served(Path(folder) / "arm.servolink.json") as door,
+    ):
         client = Client()
         client.until(lambda: client.track and client.publisher.get_subscription_count(), "discovery")
         client.ages.clear()
@@ -392,6 +428,7 @@ def main() -> None:
         description(client)
         goals(client)
         ended_goals(client)
+        lease_of_another(client)
         track_of_200_points(client)
         stops(client)
         for what in ("mover", "asker"):
