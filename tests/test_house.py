@@ -20,9 +20,9 @@ PACKAGE = ROOT / "servolink"
 FILES = modules_below(PACKAGE)
 
 CEILINGS = {
-    "lines": 80_131,
-    "files": 476,
-    "names that cross rooms": 609,
+    "lines": 80_674,
+    "files": 478,
+    "names that cross rooms": 610,
     "own imports of a file, median": 5,
     "own imports of a file, 90 %": 12,
     "own imports of a file, most": 24,
@@ -66,6 +66,7 @@ LATE = {
     "studio/links.py": (1, "extra studio: a page without a server has no links"),
     "transports/serial_ports.py": (1, "driver of serial ports"),
     "transports/usb_devices.py": (1, "driver of USB"),
+    "twin/measuring.py": (1, "extra twin: NumPy"),
     "twin/reach.py": (6, "extra twin: NumPy"),
     "twin/urdf_reading.py": (1, "defusedxml: only an import reads XML"),
     "twin/trial.py": (1, "extra twin: NumPy"),
