@@ -6,11 +6,11 @@ A joint of the model has the angle of its servo, in radians: the offset of the f
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from xml.etree import ElementTree as ET
 
 from servolink.errors import escape
-from servolink.twin.body import GRAVITY, Body, BodyPart, Drive, Solid
+from servolink.twin.body import GRAVITY, Body, BodyPart, Drive, Edge, Solid
 from servolink.twin.placement import UNITS
 
 FLOOR = "floor"
@@ -108,9 +108,20 @@ def _add_solid(element: ET.Element, solid: Solid) -> None:
 def _add_contacts(root: ET.Element, body: Body, names: list[str]) -> None:
     named = {part.name: name for part, name in zip(body.parts, names, strict=True)}
     contact = ET.SubElement(root, "contact")
-    for one, other in body.touching:
+    for one, other in dict.fromkeys((*body.touching, *(_beside_base(body) if body.bolted else ()))):
         if one != other:
             ET.SubElement(contact, "exclude", body1=named[one], body2=named[other])
+
+
+def _beside_base(body: Body) -> Iterator[Edge]:
+    """Yield the parts on both sides of each joint at a bolted base: MuJoCo excludes all others by itself."""
+    holders = list[int | None]()  # by part, the part whose joint turns it; None for the base
+    for at, part in enumerate(body.parts):
+        holders.append(at if part.servo is not None else None if part.parent is None else holders[part.parent])
+    base = [part.name for part, holder in zip(body.parts, holders, strict=True) if holder is None]
+    for part, holder in zip(body.parts, holders, strict=True):
+        if holder is not None and ((above := body.parts[holder].parent) is None or holders[above] is None):
+            yield from ((one, part.name) for one in base)
 
 
 def _add_actuators(root: ET.Element, body: Body, names: list[str]) -> None:

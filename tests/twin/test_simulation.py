@@ -142,3 +142,14 @@ def test_a_released_servo_hangs_and_its_board_knows_where() -> None:
 def test_warnings_of_mujoco_are_neither_printed_nor_written_to_a_file() -> None:
     Physics(box())
     assert mujoco().get_mju_user_warning() is not None
+
+
+def test_parts_beside_a_joint_of_a_bolted_base_may_overlap() -> None:
+    plate, pin = {"id": "plate", "shapes": [{"box": [100, 20, 100]}]}, {"id": "pin", "parent": "plate", "length": 10}
+    limb = {"id": "limb", "parent": "pin", "servo": 1, "at": [0, 10, 0], "length": 200, "along": [0, 1, 0]}
+    hand = {"id": "hand", "parent": "limb", "servo": 2, "at": [0, 30, 0], "length": 60, "along": [0, 1, 0]}
+    physics = Physics(body(plate, pin, limb, hand, body={"bolted": True, "touching": [["hand", "pin"]]}))
+    physics.pose({1: 60})
+    assert physics.touching() == set()
+    physics.pose({1: 60, 2: 120})
+    assert ("hand", "plate") in physics.touching(), "there is a joint between"
