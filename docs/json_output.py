@@ -43,6 +43,7 @@ WITHOUT = {
     "complete": "prints words for a shell",
     "project schema": "prints a JSON Schema",
     "remote": "needs a terminal",
+    "twin measure": "asks for each movement, which needs a terminal",
     **dict.fromkeys(
         ("action", "macro", "table", "servo", "project", "twin", "figure", "firmware", "fleet"), "has subcommands"
     ),

@@ -18,8 +18,8 @@ from msgspec.structs import replace
 from servolink.errors import EncodeError, quote
 from servolink.protocol import convert
 
-VERSION = 1
-"""Version of the format, raised when an older servolink cannot read files of a newer servolink."""
+VERSIONS = {"figure": 2, "blocks": 1}
+"""Version of the format of each part, raised when an older servolink cannot read files of a newer servolink."""
 MOST_JOINTS = 64
 COLOURS = ("ra", "rm", "rl", "la", "lm", "ll")
 """Groups of joints, each with a colour: arm (or front), middle, and leg (or rear) of the right and of the left."""
@@ -48,6 +48,8 @@ Speed: TypeAlias = Annotated[float, Meta(ge=1, le=10_000)]
 Density: TypeAlias = Annotated[float, Meta(ge=1, le=25_000)]
 Friction: TypeAlias = Annotated[float, Meta(ge=0.01, le=10)]
 Stiffness: TypeAlias = Annotated[float, Meta(ge=0.0001, le=1000)]
+Lag: TypeAlias = Annotated[float, Meta(ge=0.01, le=90)]
+"""Angle by which a servo is behind its command, in degrees."""
 Axis: TypeAlias = Literal["x", "y", "z"]
 
 
@@ -64,6 +66,16 @@ class Shape(_Part, frozen=True):
     at: Annotated[Vector, _about("middle, in the frame of the joint")] = (0, 0, 0)
     round: Annotated[Size, _about("radius of the edges of a box, mm")] = 6
     tone: Annotated[Literal["shell", "limb", "dark", "glow"], _about("limb: the colour of the group")] = "shell"
+
+
+class ServoMeasured(_Part, frozen=True):
+    """Values of a servo, measured on the robot: each with the lowest and the highest that fit the readings."""
+
+    on: Annotated[str, Meta(pattern=r"^\d{4}-\d{2}-\d{2}$", description="day, such as 2026-11-30")]
+    movements: Annotated[int, Meta(ge=1, le=10_000, description="movements that were read")]
+    torque: Annotated[tuple[Torque, Torque, Torque] | UnsetType, _about("value, lowest and highest, N m")] = UNSET
+    speed: Annotated[tuple[Speed, Speed, Speed] | UnsetType, _about("likewise, degrees/s")] = UNSET
+    lag: Annotated[tuple[Lag, Lag, Lag] | UnsetType, _about("likewise, degrees of lag with the full torque")] = UNSET
 
 
 class Joint(_Part, frozen=True):
@@ -90,6 +102,11 @@ class Joint(_Part, frozen=True):
     stiffness: Annotated[Stiffness | UnsetType, _about("torque of the servo for each degree of lag, N m; likewise")] = (
         UNSET
     )
+    measured: Annotated[ServoMeasured | UnsetType, _about("values of the servo that replace those above")] = UNSET
+
+    def with_measured(self, **fields: Any) -> Joint:
+        """Return the joint with the fields of a `ServoMeasured`, in place of what was measured before."""
+        return replace(self, measured=ServoMeasured(**fields))
 
 
 class View(_Part, frozen=True):
@@ -131,7 +148,9 @@ class BodyFields(_Part, frozen=True):
 class Figure(_Part, frozen=True):
     """Shape of a robot, with the joints turned by servos."""
 
-    version: Annotated[Literal[1], _about("version of the format")] = msgspec.field(name="figure")
+    version: Annotated[Literal[1, 2], _about("version of the format; 2 for a figure with measured servos")] = (
+        msgspec.field(name="figure")
+    )
     name: Name
     view: View
     joints: Annotated[tuple[Joint, ...], Meta(max_length=MOST_JOINTS)]
@@ -161,14 +180,17 @@ class Figure(_Part, frozen=True):
         _refuse_wrong_servos(self)
         for at, joint in enumerate(self.joints):
             _refuse_wrong_shape(f"joints[{at}]", joint)
-        return replace(self, joints=tuple(_parents_first(self.joints)))
+            _refuse_wrong_ranges(f"joints[{at}].measured", joint.measured)
+        version: Literal[1, 2] = 2 if any(joint.measured for joint in self.joints) else 1
+        return replace(self, version=version, joints=tuple(_parents_first(self.joints)))
 
 
 def refuse_newer(value: Any, name: str = "figure") -> None:
     """Raise EncodeError for a figure, or another part of a project `name`, in a future version of the format."""
     version = value.get(name) if isinstance(value, dict) else None
-    if type(version) is int and version > VERSION:
-        raise EncodeError(f"{version} is newer than {VERSION}, the newest this servolink reads; update servolink", name)
+    newest = VERSIONS[name]
+    if type(version) is int and version > newest:
+        raise EncodeError(f"{version} is newer than {newest}, the newest this servolink reads; update servolink", name)
 
 
 def _refuse_wrong_groups(figure: Figure) -> None:
@@ -228,6 +250,16 @@ def _refuse_wrong_shape(path: str, joint: Joint) -> None:
     for number, shape in enumerate(joint.shapes or ()):
         if (shape.box is UNSET) == (shape.disc is UNSET):
             raise EncodeError("a shape has either a box or a disc", f"{path}.shapes[{number}]")
+
+
+def _refuse_wrong_ranges(path: str, measured: ServoMeasured | UnsetType) -> None:
+    """Raise EncodeError for a measured value that lies outside its own range."""
+    if measured is UNSET:
+        return
+    for name in ("torque", "speed", "lag"):
+        found = getattr(measured, name)
+        if found is not UNSET and not found[1] <= found[0] <= found[2]:
+            raise EncodeError("a value comes first, then the lowest and the highest around it", f"{path}.{name}")
 
 
 def _parents_first(joints: tuple[Joint, ...]) -> Iterator[Joint]:

@@ -9,6 +9,7 @@ from servolink.twin.board import read_board
 from servolink.twin.body import Body, BodyPart, Solid
 from servolink.twin.forecasts import Forecast, Verdict, forecast
 from servolink.twin.jobs import FALLING, Frame, Judged, PhysicsProcess, Reached, frame_of
+from servolink.twin.measuring import ServoMeasuring
 from servolink.twin.motion_checks import check_move, check_record
 from servolink.twin.placement import Placement, Vector, plus, times
 from servolink.twin.reach import load_figure
@@ -41,6 +42,7 @@ __all__ = [
     "Verdict",
     "forecast",
     "read_board",
+    "ServoMeasuring",
     "soften",
     # physics
     "PhysicsProcess",

@@ -35,6 +35,8 @@ MOST_SOLIDS: Final = 512
 """Most shapes of a figure: with more, a moment on the floor may take longer than itself."""
 FULL_LAG: Final = 5.0
 """Lag in degrees with the full torque of a servo without a stiffness."""
+ROTOR: Final = 0.04
+"""Seconds in which a motor without load reaches most of its speed."""
 
 _MILLIMETRE = 1e-3
 _THINNEST = 0.5e-3  # half the size of a side that a figure draws without thickness
@@ -75,6 +77,16 @@ class Drive:
     def damping(self) -> float:
         """Torque lost at each rad/s, N m s: none is left at the full speed."""
         return self.torque / self.speed
+
+    @property
+    def armature(self) -> float:
+        """Inertia of the motor behind its gears, kg m²."""
+        return self.damping * ROTOR
+
+    @property
+    def derivative(self) -> float:
+        """Torque against each rad/s with which a servo without load does not overshoot, N m s, beside `damping`."""
+        return max(0.0, 2 * math.sqrt(self.stiffness * self.armature) - self.damping)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +134,11 @@ class Body:
     has_floor: bool
     assumptions: tuple[str, ...]
     """Values that the figure does not give, as texts for people."""
+    basis: dict[str, str]
+    """Origin of `weight`, `strength`, `speed` and `lag`: `measured`, `written` in the figure, or `assumed`.
+
+    Of several servos, the worst origin counts.
+    """
 
     @property
     def mass(self) -> float:
@@ -185,7 +202,8 @@ class Body:
             base=at,
             feet=figure.base.feet if isinstance(figure.base, Feet) else (),
             has_floor=at[2] + lowest > -_MILLIMETRE,
-            assumptions=tuple(_assumptions(figure, fields, weight, weakest)),
+            assumptions=tuple(_assumptions(basis := _basis(figure, fields), fields, weight, weakest)),
+            basis=basis,
         )
 
     def posed(self, angles: Mapping[int, float]) -> list[Placement]:
@@ -217,16 +235,28 @@ def read_figure(path: str | os.PathLike[str]) -> tuple[Project, Figure]:
     return file.project, file.figure
 
 
-def _assumptions(figure: Figure, fields: BodyFields, weight: float, weakest: float) -> Iterator[str]:
-    """Yield each value that the figure does not give for all parts and servos."""
+def _basis(figure: Figure, fields: BodyFields) -> dict[str, str]:
+    """Return the origin of weight, strength, speed and lag (see `Body.basis`)."""
+    has_weight = fields.mass or fields.density or all(joint.mass for joint in figure.joints)
+    basis = {"weight": "written" if has_weight else "assumed"}
     servos = [joint for joint in figure.joints if joint.servo is not UNSET]
-    if not (fields.mass or fields.density or all(joint.mass for joint in figure.joints)):
+    for name, value, written in (("strength", "torque", "torque"), ("speed",) * 3, ("lag", "lag", "stiffness")):
+        is_measured = [bool(joint.measured) and bool(getattr(joint.measured, value)) for joint in servos]
+        is_written = [getattr(fields, written) or getattr(joint, written) for joint in servos]
+        is_known = all(one or other for one, other in zip(is_measured, is_written, strict=True))
+        basis[name] = "assumed" if not is_known else "measured" if servos and all(is_measured) else "written"
+    return basis
+
+
+def _assumptions(basis: dict[str, str], fields: BodyFields, weight: float, weakest: float) -> Iterator[str]:
+    """Yield each value that the figure does not give for all parts and servos."""
+    if basis["weight"] == "assumed":
         yield f"mass of {weight:.3g} kg, by the sizes of the parts"
-    if not (fields.torque or all(joint.torque for joint in servos)):
+    if basis["strength"] == "assumed":
         yield f"torque of {weakest:.3g} N m for each servo, by weight and size"
-    if not (fields.speed or all(joint.speed for joint in servos)):
+    if basis["speed"] == "assumed":
         yield f"speed of {SPEED:g} degrees/s for each servo"
-    if not (fields.stiffness or all(joint.stiffness for joint in servos)):
+    if basis["lag"] == "assumed":
         yield f"stiffness of the servos: full torque at a lag of {FULL_LAG:g} degrees"
     if not fields.friction:
         yield f"friction of {FRICTION:g}"
@@ -356,8 +386,15 @@ def _longest_lever(parts: list[BodyPart], places: list[Placement]) -> float:
 def _drive(joint: Joint, fields: BodyFields, weakest: float) -> Drive:
     """Return the drive of a joint; `weakest` is the torque of a servo without one."""
     torque = joint.torque or fields.torque or weakest
-    stiffness = joint.stiffness or fields.stiffness or torque / FULL_LAG
-    return Drive(torque, math.radians(joint.speed or fields.speed or SPEED), stiffness * 180 / math.pi)
+    speed, lag = joint.speed or fields.speed or SPEED, FULL_LAG
+    stiffness = joint.stiffness or fields.stiffness
+    if measured := joint.measured:
+        torque, speed, lag = (
+            found[0] if found else before
+            for found, before in ((measured.torque, torque), (measured.speed, speed), (measured.lag, lag))
+        )
+        stiffness = UNSET if measured.lag else stiffness
+    return Drive(torque, math.radians(speed), (stiffness or torque / lag) * 180 / math.pi)
 
 
 def _turned(body: Body, angles: Mapping[int, float]) -> list[Placement]:

@@ -22,8 +22,6 @@ TONES = {"shell": "0.86 0.88 0.9 1", "limb": "0.2 0.5 0.85 1", "dark": "0.2 0.22
 POINT = 0.01
 """Radius of gyration in metres of a part with a mass and no shape."""
 
-_ROTOR = 0.04  # seconds in which a motor without load reaches most of its speed
-
 
 def model_text(body: Body, step: float = 0.002) -> str:
     """Return the MJCF text of a body, with time steps of `step` seconds."""
@@ -79,7 +77,7 @@ def _part(above: ET.Element, part: BodyPart, name: str) -> ET.Element:
         if part.drive is not None:
             joint.set("name", servo_joint(part.servo))
             joint.set("damping", _text(part.drive.damping))
-            joint.set("armature", _text(part.drive.damping * _ROTOR))
+            joint.set("armature", _text(part.drive.armature))
             joint.set("limited", "true")
             joint.set("range", _texts(part.limits))
     if part.mass and not part.solids:
@@ -138,10 +136,8 @@ def _add_actuators(root: ET.Element, body: Body, names: list[str]) -> None:
 
 
 def _add_actuator(actuator: ET.Element, joint: str, drive: Drive) -> None:
-    # The derivative share with which a servo without load does not overshoot.
-    critical = 2 * math.sqrt(drive.stiffness * drive.damping * _ROTOR)
     servo = ET.SubElement(actuator, "position", name=joint, joint=joint, kp=_text(drive.stiffness))
-    servo.set("kv", _text(max(0.0, critical - drive.damping)))
+    servo.set("kv", _text(drive.derivative))
     servo.set("forcelimited", "true")
     servo.set("forcerange", _texts((-drive.torque, drive.torque)))
 

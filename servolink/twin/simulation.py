@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from typing import Any, Final
 
 from servolink.errors import TwinError, escape, install_extra, quote
-from servolink.twin.body import Body
+from servolink.twin.body import Body, Drive
 from servolink.twin.mjcf import BASE, FLOOR, model_text, part_names, servo_joint
 from servolink.virtual import Hardware
 
@@ -151,6 +151,16 @@ class Physics:
     def release(self, at: int, *, released: bool) -> None:
         """Take the torque from the servo at a place of `servo_ids`, or give the torque back."""
         self.model.actuator_forcerange[at] = 0.0 if released else self._original.actuator_forcerange[at]
+
+    def set_drive(self, at: int, drive: Drive) -> None:
+        """Give the servo at a place of `servo_ids` another drive."""
+        for model in (self.model, self._original):
+            joint = model.actuator_trnid[at, 0]
+            model.dof_damping[model.jnt_dofadr[joint]] = drive.damping
+            model.dof_armature[model.jnt_dofadr[joint]] = drive.armature
+            model.actuator_gainprm[at, 0] = drive.stiffness
+            model.actuator_biasprm[at, 1:3] = -drive.stiffness, -drive.derivative
+            model.actuator_forcerange[at] = -drive.torque, drive.torque
 
     def angle(self, at: int) -> float:
         """Return the angle in degrees of the servo at a place of `servo_ids`, as the body has it."""

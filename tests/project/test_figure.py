@@ -88,8 +88,8 @@ def joint(**fields: Any) -> dict[str, Any]:
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
-    ({"figure": 2}, "figure.figure: 2 is newer than 1, the newest this servolink reads; update servolink"),
-    ({"figure": "1"}, "figure.figure: must be one of 1, not '1'"),
+    ({"figure": 3}, "figure.figure: 3 is newer than 2, the newest this servolink reads; update servolink"),
+    ({"figure": "1"}, "figure.figure: must be one of 1, 2, not '1'"),
     ({"wheels": 4}, "figure: 'wheels' is not a field; the fields are figure, name, view, joints, base, groups, body"),
     ({"name": "q" * 65}, f"figure.name: '{'q' * 65}' has 65 characters; at most 64"),
     ({"view": {"pitch": 91}}, "figure.view.pitch: must be at least -90 and at most 90, not 91"),
@@ -125,6 +125,10 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     (joint(at=[0, 1e5, 0]), "figure.joints[0].at[1]: must be at least -5000 and at most 5000, not 100000.0"),
     (joint(sign=2), "figure.joints[0].sign: must be one of -1, 1, not 2"),
     (joint(offset=400), "figure.joints[0].offset: must be at least -360 and at most 360, not 400"),
+    (
+        joint(servo=1, measured={"on": "2026-11-30", "movements": 8, "speed": [290, 300, 310]}),
+        "figure.joints[0].measured.speed: a value comes first, then the lowest and the highest around it",
+    ),
     (joint(limits=[3, 1]), "figure.joints[0].limits: the lowest angle 3 is above the highest, 1"),
     (joint(shapes=[{}]), "figure.joints[0].shapes[0]: a shape has either a box or a disc"),
     (

@@ -9,14 +9,14 @@ from typing import Any
 import msgspec
 
 from servolink.project import blocks
-from servolink.project.figure import BodyFields, Feet, Figure, FixedBase, Joint, Shape, View
+from servolink.project.figure import BodyFields, Feet, Figure, FixedBase, Joint, ServoMeasured, Shape, View
 from servolink.project.project_file import ProjectFile
 from tests.project.test_file import ROBOT
 
 _BLOCKS = [part for part in vars(blocks).values() if isinstance(part, type) and part.__module__ == blocks.__name__]
 _BESIDE = {
     field.encode_name
-    for part in (BodyFields, Feet, Figure, FixedBase, Joint, Shape, View, *_BLOCKS)
+    for part in (BodyFields, Feet, Figure, FixedBase, Joint, ServoMeasured, Shape, View, *_BLOCKS)
     for field in msgspec.structs.fields(part)
 } - {"servo_id", "degree", "interval_ms", "delay_ms", "ratio_percent", "loop", "button_id"} | {"mode", "type"}
 """Fields of the figure and of the blocks, unless the records have them too."""

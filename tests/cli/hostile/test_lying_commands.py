@@ -56,7 +56,7 @@ EXEMPT = {
     "demo": "has a virtual board of its own",
     "use": "opens nothing",
     "backups": "reads files",
-    "twin": "reads files",
+    "twin": "reads files, or asks a person before each movement",
     "figure": "reads files",
     "decode": "reads files",
     "show": "reads files",
