@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Annotated, Any
 
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from servolink import errors
 from servolink.errors import EncodeError, Reason, RequestError, RequestRefused, ServolinkError, escape
@@ -81,6 +81,7 @@ class ErrorData(Struct, frozen=True):
     remedy: Annotated[str, Meta(description="what to do next")]
     path: Annotated[str, Meta(description="where in the params the wrong value is, such as targets.hip")] = ""
     reason: Annotated[str, Meta(description="for programs, such as `limit`, `lease` or `stop`; else `other`")] = "other"
+    basis: Annotated[dict[str, str] | UnsetType, Meta(description="of a forecast: origin of its values")] = UNSET
 
 
 class ErrorObject(Struct, frozen=True):
@@ -100,7 +101,8 @@ class ErrorObject(Struct, frozen=True):
             kind = next(_KINDS[each] for each in type(error).__mro__ if each in _KINDS)
             remedy = getattr(error, "remedy", "") or kind.remedy
             path = error.path if isinstance(error, EncodeError) else ""
-            return cls(kind.code, text, ErrorData(kind.error.__name__, remedy, path, error.reason))
+            basis = getattr(error, "basis", None) or UNSET
+            return cls(kind.code, text, ErrorData(kind.error.__name__, remedy, path, error.reason, basis))
         if isinstance(error, (TypeError, ValueError)):  # what the library says of an impossible argument
             return cls.of(RpcError(Code.INVALID_PARAMS, text))
         return cls.of(RpcError(Code.INTERNAL_ERROR, f"internal error: {type(error).__name__}"))

@@ -37,6 +37,8 @@ class MotionVerdict(Struct, frozen=True):
     verdict: Verdict
     text: str
     """What happens, when, and at which servo, for people; empty for a robot that stands."""
+    basis: dict[str, str]
+    """Origin of the values of the body, as `Body.basis`."""
 
 
 def check_record(
@@ -74,10 +76,11 @@ def check_record(
         if falls and has_stood:
             break
     if not falls and seconds > LONGEST:
-        yield MotionVerdict(Verdict.UNCERTAIN, f"it takes {seconds:.0f} s, and only {LONGEST:.0f} s were tried")
+        text = f"it takes {seconds:.0f} s, and only {LONGEST:.0f} s were tried"
+        yield MotionVerdict(Verdict.UNCERTAIN, text, physics.body.basis)
         return
     verdict = Verdict.STANDS if not falls else Verdict.UNCERTAIN if has_stood else Verdict.FALLS
-    yield MotionVerdict(verdict, falls[0] if falls else "")
+    yield MotionVerdict(verdict, falls[0] if falls else "", physics.body.basis)
 
 
 def check_move(
@@ -92,7 +95,7 @@ def check_move(
     if physics.body.bolted or all(abs(end - begin) <= SLOW * seconds for begin, end in way.values()):
         result = _look_along(physics, pose, way)
         if not result.collisions and (result.margin_mm is None or result.margin_mm >= SAFE_MM):
-            yield MotionVerdict(Verdict.STANDS, "")
+            yield MotionVerdict(Verdict.STANDS, "", physics.body.basis)
             return
     steps = tuple(Step(each, round(target), max(1, round(seconds * 100))) for each, (_, target) in way.items())
     action = Action(1, "", steps)
@@ -100,7 +103,7 @@ def check_move(
     while not trial.is_over:
         trial.advance()
     found = _trouble(physics, trial.result(), way, has_steps=False)
-    yield MotionVerdict(Verdict.FALLS if found else Verdict.STANDS, found)
+    yield MotionVerdict(Verdict.FALLS if found else Verdict.STANDS, found, physics.body.basis)
 
 
 def _look_along(physics: Physics, pose: Mapping[int, float], way: Mapping[int, tuple[float, float]]) -> TrialResult:

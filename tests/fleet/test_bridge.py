@@ -222,12 +222,13 @@ def test_a_policy_file_that_changes_is_followed(broker: Broker, user: Path, monk
 class Verdict(NamedTuple):
     verdict: str
     text: str
+    basis: dict[str, str]
 
 
 class Twin:
     """A twin that says what it is told to say."""
 
-    says = Verdict("stands", "")
+    says = Verdict("stands", "", {})
 
     async def check_move(self, pose: object, targets: object, seconds: float) -> Verdict:
         return self.says
@@ -252,7 +253,7 @@ def test_a_policy_that_asks_for_a_forecast_lets_nobody_move_a_board_whose_hub_ha
             gate = hub.begin_forecast(twin)
             async with joined(broker, BoardPolicy("edit", forecast=True)):
                 await far.call("move", params={**move, "start": True})
-                twin.says = Verdict("falls", "the robot falls")
+                twin.says = Verdict("falls", "the robot falls", {"weight": "assumed"})
                 error = await far.failure("move", params={**move, "targets": {"1": 0}})
                 assert (error["data"]["kind"], error["data"]["reason"]) == ("MotionRefused", "forecast")
             await gate.close()

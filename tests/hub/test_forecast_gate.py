@@ -10,11 +10,14 @@ import json
 from collections.abc import AsyncGenerator, AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 
+import msgspec
 import pytest
 
 from servolink.client import connect
+from servolink.control import ErrorObject
 from servolink.errors import MotionRefused, Reason
 from servolink.hub.engine import forecast_gate
+from servolink.hub.engine.hub_gates import ForecastRefused
 from servolink.hub.rules.tried import HubVerdict, TwinVerdict, Uncertain
 from servolink.motion import Ticket
 from servolink.project import Project
@@ -77,6 +80,7 @@ def test_a_movement_with_which_the_robot_falls_is_refused_with_moment_and_servo(
             with pytest.raises(RpcFailed, match=r"on the twin: the robot falls after \d\.\d s; servo 8") as failed:
                 await program.call("move", targets={str(FALLS): 60}, duration=1.0)
             assert (failed.value.kind, failed.value.code) == ("MotionRefused", 202)
+            assert "(weight assumed, strength assumed, speed assumed, lag assumed)" in str(failed.value)
             assert here.angle(FALLS) == 0
             await program.call("move", targets={str(STANDS): 20}, duration=0.5, wait=True)
             assert here.angle(STANDS) == 20
@@ -264,3 +268,9 @@ async def test_what_is_checked_must_be_one_frame() -> None:
     async with shared() as here, here.program() as program:
         with pytest.raises(RpcFailed, match="one whole frame"):
             await program.call("motion.check", frame="ffff")
+
+
+def test_programs_read_what_a_refusal_rests_on() -> None:
+    basis = {"weight": "written", "strength": "assumed", "speed": "measured", "lag": "measured"}
+    assert ErrorObject.of(ForecastRefused("nothing was moved", basis)).data.basis == basis
+    assert b"basis" not in msgspec.json.encode(ErrorObject.of(ForecastRefused("nothing was moved")))

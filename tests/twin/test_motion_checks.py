@@ -38,7 +38,8 @@ def record(action: Action, pose: Mapping[int, float] = REST, figure: bytes = FIG
 
 def test_a_movement_that_meets_nothing_is_not_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RunningTrial, "advance", lambda *_: pytest.fail("simulated"))
-    assert next(check_move(FIGURE, REST, {1: 30}, 0.5)) == MotionVerdict(Verdict.STANDS, "")
+    basis: dict[str, str] = dict.fromkeys(("weight", "strength", "speed", "lag"), "assumed")
+    assert next(check_move(FIGURE, REST, {1: 30}, 0.5)) == MotionVerdict(Verdict.STANDS, "", basis)
 
 
 @pytest.mark.parametrize(

@@ -63,22 +63,26 @@ def run_check(args: argparse.Namespace) -> int:
         records = [*(project.actions if args.all else ()), *project.macros]
     found = forecast(project, body, records, processes=os.cpu_count() or 1)
     ok = all(one.verdict != "falls" for one in found)
-    value = TwinChecked(ok, body.assumptions, [one.as_dict() for one in found])
-    show(value, _text(found, body.assumptions))
+    value = TwinChecked(ok, body.basis, body.assumptions, [one.as_dict() for one in found])
+    show(value, _text(found, body))
     if args.picture is not None and found:
         _write_picture(args, project, body, found)
     return ExitCode.OK if ok else ExitCode.FAILED
 
 
 class TwinChecked(CommandResult, frozen=True):
-    """JSON of `twin check`: a forecast for each record."""
+    """JSON of `twin check`: a forecast for each record.
+
+    `basis` is the origin of `weight`, `strength`, `speed` and `lag`: `measured`, `written` in the figure, or `assumed`.
+    """
 
     ok: bool
+    basis: dict[str, str]
     assumptions: Sequence[str]
     forecasts: list[dict[str, Any]]
 
 
-def _text(found: list[Forecast], assumptions: Sequence[str]) -> Iterator[Part]:
+def _text(found: list[Forecast], body: Body) -> Iterator[Part]:
     """Yield a table of all forecasts, then the falls, the collisions, and all that was assumed."""
     if not found:
         yield "there is no macro to check; --all checks actions"
@@ -93,8 +97,9 @@ def _text(found: list[Forecast], assumptions: Sequence[str]) -> Iterator[Part]:
             yield f"{name_of(one.record)}: {' and '.join(collision.parts)} touch at {collision.seconds:.1f} s"
         if not one.is_whole:
             yield f"{name_of(one.record)} takes {one.seconds:.0f} s; only the beginning was tried"
-    if assumptions:
-        yield f"assumed, as the figure does not say: {'; '.join(assumptions)}"
+    yield f"this rests on: {', '.join(f'{name} {origin}' for name, origin in body.basis.items())}"
+    if body.assumptions:
+        yield f"assumed, as the figure does not say: {'; '.join(body.assumptions)}"
 
 
 def _named(one: Forecast) -> tuple[str, str]:

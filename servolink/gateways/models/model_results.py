@@ -112,4 +112,5 @@ class RobotForecast(WithBoardText):
     collisions: list[Any]
     torque: Annotated[dict[str, float], Field(description="highest share of the strongest, by servo id")]
     lag: Annotated[dict[str, float], Field(description="degrees by servo id")]
+    basis: Annotated[dict[str, str], Field(description="weight, strength, speed, lag: measured, written or assumed")]
     assumptions: list[str]

@@ -186,7 +186,7 @@ class ModelTools:
         record = file.project.find(str(name), (_KINDS[kind],))
         body = Body.of(self._figure() if file.figure is None else file.figure)
         found = await asyncio.to_thread(forecast, file.project, body, [record])
-        return _of_board(RobotForecast, **found[0].as_dict(), assumptions=list(body.assumptions))
+        return _of_board(RobotForecast, **found[0].as_dict(), basis=body.basis, assumptions=list(body.assumptions))
 
     async def stop(self) -> str:
         """Stop all servos at once. They hold their angles, and ignore movements until the tool start."""

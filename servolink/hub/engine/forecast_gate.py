@@ -87,11 +87,13 @@ class ForecastGate:
         may_pass = found.verdict == "stands" or (is_uncertain and self._uncertain == "pass" and not must_stand)
         if may_pass or self._tried.is_permitted(session, motion, self._now(), is_sent=is_sent):
             return None
-        text = f"nothing was moved: {'the forecast is uncertain' if is_uncertain else 'on the twin'}: {found.text}"
+        origins = ", ".join(f"{name} {origin}" for name, origin in found.basis.items())
+        said = found.text + (f" ({origins})" if origins else "")
+        text = f"nothing was moved: {'the forecast is uncertain' if is_uncertain else 'on the twin'}: {said}"
         if self._uncertain == "ask" and exchange.points is None and not must_stand:
-            self._tasks.begin(self._ask(session, motion, exchange, found.text))
+            self._tasks.begin(self._ask(session, motion, exchange, said))
             text += _ASKED if self._questions.shown_by else _UNASKED
-        return ForecastRefused(text)
+        return ForecastRefused(text, found.basis)
 
     async def prepare(self, packet: ExecuteActionExRequest | ExecuteMacroRequest) -> None:
         """Try a stored record in advance, so that its verdict is known when it is sent. What fails, fails then."""

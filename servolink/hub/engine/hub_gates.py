@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
 
 from servolink.control import HoldStatus, Role
 from servolink.errors import MotionRefused, Reason, RequestRefused, ServolinkError, escape
@@ -42,6 +43,11 @@ class ForecastRefused(MotionRefused):
 
     _reason = Reason.FORECAST
     remedy = "read the message; a person at a page of the studio can let the motion pass once"
+
+    def __init__(self, text: str, basis: Mapping[str, str] = MappingProxyType({})) -> None:
+        """Refuse with the origin of the values of the twin (see `TwinVerdict.basis`)."""
+        super().__init__(text)
+        self.basis = dict(basis)
 
 
 class MotionOver(MotionRefused):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import AsyncGenerator, Hashable, Mapping
+from types import MappingProxyType
 from typing import Literal, NamedTuple, Protocol, TypeAlias
 
 from servolink.project import Project
@@ -38,6 +39,11 @@ class TwinVerdict(Protocol):
         """What happens, when, and at which servo, for people."""
         ...
 
+    @property
+    def basis(self) -> Mapping[str, str]:
+        """Origin of `weight`, `strength`, `speed` and `lag`: `measured`, `written` or `assumed`."""
+        ...
+
 
 class MotionTwin(Protocol):
     """Twin of a robot, in a process of its own, on which motions are tried."""
@@ -62,6 +68,7 @@ class HubVerdict(NamedTuple):
 
     verdict: str
     text: str
+    basis: Mapping[str, str] = MappingProxyType({})
 
 
 class TriedMotions:
