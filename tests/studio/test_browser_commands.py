@@ -278,7 +278,8 @@ def name_and_trim(place: Place) -> None:
 
 def write_project_id(place: Place) -> None:
     show(place.page, "Board")
-    change, field = place.button("Change the project id …"), place.page.get_by_label("New project id, 0 for none")
+    change = place.button("Change the number of the project …")
+    field = place.page.get_by_label("New number of the project, 0 for none")
     change.or_(field).first.wait_for()
     if change.is_visible():
         change.click()
