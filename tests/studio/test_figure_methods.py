@@ -42,7 +42,7 @@ def test_a_figure_is_kept_and_other_pages_hear_of_it() -> None:
 
 @pytest.mark.parametrize(
     ("change", "place_of"),
-    [({"joints": []}, "joints"), ({"joints": [{"id": "a", "parent": "b"}]}, "parent"), ({"figure": 2}, "figure")],
+    [({"joints": []}, "joints"), ({"joints": [{"id": "a", "parent": "b"}]}, "parent"), ({"figure": 3}, "figure")],
 )
 def test_what_is_no_figure_is_refused(change: dict[str, Any], place_of: str) -> None:
     async def test(place: Place) -> None:
