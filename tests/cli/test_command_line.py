@@ -35,7 +35,9 @@ NEED_A_BROKER = {"fleet", *(f"fleet {name}" for name in below("fleet"))}
 """Those of the fleet, which `tests/fleet` runs with one."""
 NEED_A_PICO = {"firmware", "firmware install", "firmware build"}
 """Those that `tests/firmware` runs, with an imitated Pico or a compiler."""
-NOT_RUN = UNTIL_CTRL_C | SLOW | NEED_A_BROKER | NEED_A_PICO
+ASK_EACH_TIME = {"twin measure"}
+"""Those that ask in a terminal before each movement, which `tests/cli/projects` answers."""
+NOT_RUN = ASK_EACH_TIME | UNTIL_CTRL_C | SLOW | NEED_A_BROKER | NEED_A_PICO
 CODES = {"plan": (1,), "list": (0, 3)}
 """Codes with which the examples of a command may end, other than 0."""
 
