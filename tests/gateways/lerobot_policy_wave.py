@@ -40,7 +40,7 @@ class WaveConfig(PreTrainedConfig):  # type: ignore[misc,unused-ignore]
 
     def get_optimizer_preset(self) -> Any:
         """Refuse to be trained."""
-        raise NotImplementedError
+        raise RuntimeError("the wave is written, not learnt: it cannot be trained")
 
     get_scheduler_preset = validate_features = get_optimizer_preset
 
@@ -71,7 +71,7 @@ class WavePolicy(PreTrainedPolicy):  # type: ignore[misc,unused-ignore]
 
     def forward(self, batch: dict[str, Any]) -> Any:
         """Refuse to be trained."""
-        raise NotImplementedError
+        raise RuntimeError("the wave is written, not learnt: it cannot be trained")
 
     get_optim_params = predict_action_chunk = forward
 
